@@ -9,7 +9,8 @@ fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-env-changed=ERFGS_COMMIT");
     let version = env::var("CARGO_PKG_VERSION").unwrap_or_default();
-    let commit = told().or_else(of_checkout).or_else(of_package).unwrap_or_else(|| "commit not known".into());
+    let commit =
+        from_environment().or_else(of_checkout).or_else(of_package).unwrap_or_else(|| "commit not known".into());
     let mut features = vec!["exr", "rosbag2"];
     if env::var_os("CARGO_FEATURE_HDF5").is_some() {
         features.push("hdf5");
@@ -18,7 +19,7 @@ fn main() {
 }
 
 /// The commit that whoever builds names, who has the files alone.
-fn told() -> Option<String> {
+fn from_environment() -> Option<String> {
     env::var("ERFGS_COMMIT").ok().filter(|commit| is_commit(commit)).map(shortened)
 }
 

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use erfgs_calibrate::{
     board::{
-        BoardError, BoardOptions, CalibrationFolder, EventBoard, LensModel, Plate, Seen, Target, TwoParts, calibrate,
-        look, look_session, pictures,
+        BoardDetections, BoardError, BoardOptions, CalibrationFolder, EventBoard, LensModel, Plate, Target, TwoParts,
+        calibrate, look, look_session, pictures,
     },
     evidence::Evidence,
     report::telling,
@@ -191,7 +191,7 @@ pub fn boards(
     plate: &Plate,
     events: Option<EventBoard>,
     terminal: &Terminal,
-) -> anyhow::Result<(Vec<Seen>, Option<Synchronisation>)> {
+) -> anyhow::Result<(Vec<BoardDetections>, Option<Synchronisation>)> {
     let progress = terminal.progress("looking for the board");
     let tell = |done: usize, total: Option<usize>| match total {
         Some(total) => progress.update(done as u64, total as u64, "frames"),
@@ -313,7 +313,7 @@ fn calibrated(
     }
     // In the rig's order, and without the cameras that are not in it.
     let of_rig = |name: &str| seen.iter().find(|seen| seen.camera == name).cloned();
-    let seen: Vec<Seen> = rig.cameras.iter().filter_map(|camera| of_rig(&camera.name)).collect();
+    let seen: Vec<BoardDetections> = rig.cameras.iter().filter_map(|camera| of_rig(&camera.name)).collect();
     match pictures(&seen, plate, events, &evidence, &telling(&rig, &evidence), sync.as_ref()) {
         Ok(pictures) => evidence.pictures = pictures,
         Err(error) => terminal.note(format!("the report has no pictures: {error}")),

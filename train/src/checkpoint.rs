@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     cameras::{CameraState, Quantity, clock::CameraTimeState, colour::CameraColourState, pose::CameraPoseState},
     config::Config,
-    density::{Moments, Population, Seen},
+    density::{Moments, Population, ScreenStatistics},
     schedule::Clock,
 };
 use erfgs_run::{LeftOut, RunError, write_atomically};
@@ -98,8 +98,8 @@ pub struct Checkpoint {
     pub field_box: [[f32; 3]; 2],
     /// The field, in the fine stage.
     pub field: Option<FieldState>,
-    /// Statistics of density control.
-    pub seen: Vec<Seen>,
+    /// ScreenStatistics of density control.
+    pub statistics: Vec<ScreenStatistics>,
     /// How the cameras show colours, where that is learned.
     pub camera_colours: Option<CameraColourState>,
     /// What the cameras' poses have learned, where that is.
@@ -195,21 +195,24 @@ impl Checkpoint {
 
     /// The first number that no training leaves behind, if there is one: its vector, its place and itself.
     fn implausible(&self) -> Option<(String, usize, f32)> {
-        let seen = self.seen_floats();
+        let statistics = self.statistics_floats();
         let corners = self.field_box.as_flattened();
-        let vectors = self.vectors(&seen).into_iter().chain([("field box".into(), corners)]);
+        let vectors = self.vectors(&statistics).into_iter().chain([("field box".into(), corners)]);
         vectors.into_iter().find_map(|(name, values)| {
             let (index, value) = container::implausible(&name, values)?;
             Some((name, index, value))
         })
     }
 
-    fn seen_floats(&self) -> Vec<f32> {
-        self.seen.iter().flat_map(|seen| [seen.gradient, seen.iterations, seen.radius_px]).collect()
+    fn statistics_floats(&self) -> Vec<f32> {
+        self.statistics
+            .iter()
+            .flat_map(|statistics| [statistics.gradient, statistics.iterations, statistics.radius_px])
+            .collect()
     }
 
-    /// All vectors by their names, in the order of the file; `seen` are the statistics of density control as numbers.
-    fn vectors<'a>(&'a self, seen: &'a [f32]) -> Vec<(String, &'a [f32])> {
+    /// All vectors by their names, in the order of the file; `statistics` are those of density control as numbers.
+    fn vectors<'a>(&'a self, statistics: &'a [f32]) -> Vec<(String, &'a [f32])> {
         let Population { gaussians, moments } = &self.population;
         let mut vectors: Vec<(String, &[f32])> = vec![
             ("core".into(), &gaussians.core),
@@ -218,7 +221,7 @@ impl Checkpoint {
             ("core.v".into(), &moments.core_second),
             ("sh.m".into(), &moments.sh_first),
             ("sh.v".into(), &moments.sh_second),
-            ("seen".into(), seen),
+            ("seen".into(), statistics),
         ];
         if gaussians.motion_floats > 0 {
             vectors.extend([
@@ -245,8 +248,8 @@ impl Checkpoint {
 
     fn to_bytes(&self) -> Result<Vec<u8>, CheckpointError> {
         let gaussians = &self.population.gaussians;
-        let seen = self.seen_floats();
-        let vectors = self.vectors(&seen);
+        let statistics = self.statistics_floats();
+        let vectors = self.vectors(&statistics);
         let header = serde_json::to_vec(&Header {
             version: if self.record.is_some() {
                 VERSION
@@ -317,11 +320,11 @@ impl Checkpoint {
             sh_second: next("sh.v")?,
             ..Moments::default()
         };
-        let seen: Vec<Seen> = next("seen")?
+        let statistics: Vec<ScreenStatistics> = next("seen")?
             .as_chunks::<3>()
             .0
             .iter()
-            .map(|row| Seen { gradient: row[0], iterations: row[1], radius_px: row[2] })
+            .map(|row| ScreenStatistics { gradient: row[0], iterations: row[1], radius_px: row[2] })
             .collect();
         if header.motion_floats > 0 {
             gaussians.motion = next("motion")?;
@@ -350,7 +353,7 @@ impl Checkpoint {
             && [&gaussians.motion, &moments.motion_first, &moments.motion_second]
                 .iter()
                 .all(|v| Some(v.len()) == motion)
-            && seen.len() == count
+            && statistics.len() == count
             && header.dynamic <= count
             && header.fixed <= count - header.dynamic;
         if !fits {
@@ -365,7 +368,7 @@ impl Checkpoint {
             fixed: header.fixed,
             field_box: header.field_box,
             field,
-            seen,
+            statistics,
             camera_colours,
             camera_poses,
             camera_times,

@@ -3,7 +3,7 @@
 use erfgs_scene::{Intrinsics, Pose};
 
 use super::{
-    BoardError, BoardOptions, Plate, Seen,
+    BoardDetections, BoardError, BoardOptions, Plate,
     doubt::{DEVIATIONS, GIVEN_PX, MOST_MOVED, MOST_RESIDUAL_PX, MOVED},
     intrinsics::{Single, board_pose, observations, single, spread},
 };
@@ -30,7 +30,7 @@ pub(super) struct Alone {
 
 impl Alone {
     /// Finds the camera's intrinsics, or takes those that are known.
-    pub fn of(seen: &Seen, plate: &Plate, options: &BoardOptions) -> Result<Self, BoardError> {
+    pub fn of(seen: &BoardDetections, plate: &Plate, options: &BoardOptions) -> Result<Self, BoardError> {
         if let Some(known) = options.known.get(&seen.camera) {
             return Self::known(seen, plate, options, known);
         }
@@ -46,7 +46,12 @@ impl Alone {
     }
 
     /// The boards before a camera whose lens is known.
-    fn known(seen: &Seen, plate: &Plate, options: &BoardOptions, intrinsics: &Intrinsics) -> Result<Self, BoardError> {
+    fn known(
+        seen: &BoardDetections,
+        plate: &Plate,
+        options: &BoardOptions,
+        intrinsics: &Intrinsics,
+    ) -> Result<Self, BoardError> {
         let camera = BundleCamera {
             name: seen.camera.clone(),
             intrinsics: *intrinsics,

@@ -40,7 +40,7 @@ pub(super) fn side(back: &Target, pose: Pose, free: bool) -> Side {
 }
 
 /// Where a back is and how well that is known: along the front's sheet to the right, down and into it.
-pub(super) struct Told {
+pub(super) struct BackPose {
     /// The back's middle from the front's, metres.
     middle: DVec3,
     /// What remains of the turn about the right and about the down axis: the wedge between the sides; radians.
@@ -53,7 +53,7 @@ pub(super) struct Told {
     diagonal_m: f64,
 }
 
-impl Told {
+impl BackPose {
     pub fn of(plate: &Plate, side: &Side, known: &SideUncertainty) -> Option<Self> {
         let (front, back) = (plate.front(), plate.back()?);
         let to_sheet = front.to_sheet();
@@ -186,7 +186,7 @@ mod tests {
             let middle = pose.transform(back.middle()) + shift;
             let rotation = DQuat::from_scaled_axis(turn) * pose.rotation;
             askew.pose = Pose { rotation, translation: middle - rotation * back.middle() };
-            let told = Told::of(&plate, &askew, &known()).unwrap();
+            let told = BackPose::of(&plate, &askew, &known()).unwrap();
             let measures = told.measures();
             for (name, value) in [
                 ("thickness_mm", 5.0),
@@ -217,7 +217,7 @@ mod tests {
         pose.rotation = DQuat::from_rotation_z(3.0) * pose.rotation;
         pose.translation = middle - pose.rotation * back.middle();
         let vague = SideUncertainty { rotation: DVec3::splat(f64::INFINITY), middle: DVec3::splat(0.1) };
-        let told = Told::of(&plate, &side(back, pose, true), &vague).unwrap();
+        let told = BackPose::of(&plate, &side(back, pose, true), &vague).unwrap();
         assert!((told.turn + 3.0).abs() < 1e-9 && told.tilt.iter().all(|tilt| tilt.abs() < 1e-9), "{}", told.turn);
         assert!(told.vagueness() > 1.0 && told.uncertainty() == "not at all" && told.warning().is_some());
         assert!(!told.measures().contains_key("back_turn_deg_sigma"));

@@ -43,9 +43,9 @@ impl BoardView {
     }
 }
 
-/// What one camera saw.
+/// The boards that one camera saw.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Seen {
+pub struct BoardDetections {
     /// The camera's name.
     pub camera: String,
     /// Whether the board was found in events, and not in frames.
@@ -64,7 +64,7 @@ pub struct Seen {
     pub mirrored: [usize; 2],
 }
 
-impl Seen {
+impl BoardDetections {
     /// The board is seen too rarely: `usable` views show enough of it, and `needed` are needed.
     pub(super) fn too_few(&self, plate: &Plate, usable: usize, needed: usize) -> BoardError {
         BoardError::TooFewViews {
@@ -106,7 +106,7 @@ pub fn look(
     plate: impl Into<Plate>,
     events: Option<EventBoard>,
     progress: &(dyn Fn(usize, Option<usize>) + Sync),
-) -> Result<Vec<Seen>, BoardError> {
+) -> Result<Vec<BoardDetections>, BoardError> {
     let plate = &plate.into();
     let cameras = cameras(folder, events.is_some())?;
     if cameras.is_empty() {
@@ -126,7 +126,7 @@ pub fn look(
         .into_iter()
         .zip(counts)
         .map(|((camera, input), count)| match input {
-            Input::Images(ref images) => of_images(&camera, images, &input.told(), plate, &tick),
+            Input::Images(ref images) => of_images(&camera, images, &input.source(), plate, &tick),
             Input::Events(path) => {
                 let board = events.ok_or_else(|| BoardError::NoBlink { path: path.clone() })?;
                 of_events(&camera, &path, plate, board, &tick)
@@ -150,7 +150,7 @@ fn of_images(
     source: &Path,
     plate: &Plate,
     tick: &(dyn Fn() + Sync),
-) -> Result<Seen, BoardError> {
+) -> Result<BoardDetections, BoardError> {
     let mirrors = Mirrors::of(Some(images.len()));
     let looked: Vec<Result<Looked, ImageError>> = images
         .par_iter()
@@ -190,7 +190,7 @@ fn of_images(
     let frames = views.len();
     let views = views.into_iter().map(|looked| looked.view).filter(|view| !view.corners.is_empty()).collect();
     let source = source.to_owned();
-    Ok(Seen { camera: camera.into(), events: false, size, frames, views, unreadable, source, mirrored })
+    Ok(BoardDetections { camera: camera.into(), events: false, size, frames, views, unreadable, source, mirrored })
 }
 
 fn of_video(
@@ -199,7 +199,7 @@ fn of_video(
     times: Option<&Times>,
     plate: &Plate,
     tick: &(dyn Fn() + Sync),
-) -> Result<Seen, BoardError> {
+) -> Result<BoardDetections, BoardError> {
     /// Frames that are decoded before they are looked at together.
     const BATCH: usize = 16;
     let mut video = Video::open(path)?;
@@ -246,7 +246,7 @@ fn of_video(
     }
     let unreadable = broken.map(|error| (1, error.to_string()));
     let source = path.to_owned();
-    Ok(Seen { camera: camera.into(), events: false, size, frames, views, unreadable, source, mirrored })
+    Ok(BoardDetections { camera: camera.into(), events: false, size, frames, views, unreadable, source, mirrored })
 }
 
 /// In which frames that show no board its mirror image is looked for.

@@ -3,7 +3,7 @@
 use erfgs_scene::{Distortion, Intrinsics, Pose};
 use glam::{DVec2, DVec3};
 
-use super::{BoardError, BoardView, Plate, Seen};
+use super::{BoardDetections, BoardError, BoardView, Plate};
 use crate::{
     bundle::{
         Bundle, BundleCamera, CameraUncertainty, Loss, Observation, Options, Parameter, Placement, Solution,
@@ -87,7 +87,12 @@ impl LensModel {
 ///
 /// # Errors
 /// If there are too few views, or they leave a parameter open.
-pub fn single(seen: &Seen, plate: impl Into<Plate>, model: LensModel, aspect: bool) -> Result<Single, BoardError> {
+pub fn single(
+    seen: &BoardDetections,
+    plate: impl Into<Plate>,
+    model: LensModel,
+    aspect: bool,
+) -> Result<Single, BoardError> {
     let plate = &plate.into();
     let views: Vec<&BoardView> = seen.views.iter().filter(|view| spread(view)).collect();
     if views.len() < LEAST_VIEWS {
@@ -163,7 +168,7 @@ pub(super) fn observations<'a>(
 
 /// A first guess: of several focal lengths, the one with which boards fit best after a few steps.
 fn start(
-    seen: &Seen,
+    seen: &BoardDetections,
     views: &[&BoardView],
     plate: &Plate,
     model: LensModel,

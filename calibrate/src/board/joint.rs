@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::{
-    BoardError, BoardOptions, BoardView, Plate, Seen,
+    BoardDetections, BoardError, BoardOptions, BoardView, Plate,
     alone::Alone,
     back,
     chain::{Boards, Chain},
@@ -59,12 +59,12 @@ impl Joint {
 }
 
 /// Each camera's boards, as it saw them.
-pub(super) fn sightings(seen: &[&Seen], plate: &Plate, alone: &[&Alone]) -> Vec<Sightings> {
+pub(super) fn sightings(seen: &[&BoardDetections], plate: &Plate, alone: &[&Alone]) -> Vec<Sightings> {
     let sighting = |view: &BoardView, alone: &Alone| {
         let pose = board_pose(view, plate, &alone.intrinsics)?;
         Some((view.instant.clone(), (plate.face(view), pose)))
     };
-    let of = |(seen, alone): (&&Seen, &&Alone)| {
+    let of = |(seen, alone): (&&BoardDetections, &&Alone)| {
         let views = seen.views.iter().filter(|view| spread(view));
         views.filter_map(|view| sighting(view, alone)).collect()
     };
@@ -72,14 +72,14 @@ pub(super) fn sightings(seen: &[&Seen], plate: &Plate, alone: &[&Alone]) -> Vec<
 }
 
 /// Whether all frames have times, so that offsets can be estimated.
-pub(super) fn has_times(seen: &[&Seen]) -> bool {
+pub(super) fn has_times(seen: &[&BoardDetections]) -> bool {
     seen.iter().all(|seen| seen.views.iter().all(|view| view.time_s.is_some()))
 }
 
 /// The cameras of a chain, which `seen`, `alone` and `boards` have an entry each of.
 #[derive(Clone, Copy)]
 pub(super) struct Tied<'a> {
-    pub seen: &'a [&'a Seen],
+    pub seen: &'a [&'a BoardDetections],
     pub plate: &'a Plate,
     pub alone: &'a [&'a Alone],
     pub chain: &'a Chain,

@@ -103,7 +103,7 @@ impl Input {
     }
 
     /// What is looked at, for the user: a file, or the folder of so many pictures.
-    pub(super) fn told(&self) -> PathBuf {
+    pub(super) fn source(&self) -> PathBuf {
         let first = self.paths().next().unwrap_or(Path::new(""));
         let images = matches!(self, Self::Images(_));
         if images { first.parent().unwrap_or(first).to_owned() } else { first.to_owned() }
@@ -222,7 +222,7 @@ fn name_alike(cameras: &mut BTreeMap<String, Input>) {
     let all: Vec<Vec<Vec<String>>> = images.iter().map(of_names).collect();
     let telling = telling(&all);
     for ((_, own), numbers) in images.iter_mut().zip(&all) {
-        let numbers: Vec<String> = numbers.iter().map(|numbers| told(numbers, &telling)).collect();
+        let numbers: Vec<String> = numbers.iter().map(|numbers| joined(numbers, &telling)).collect();
         let apart = numbers.iter().collect::<BTreeSet<_>>().len() == numbers.len();
         for ((instant, _), number) in own.iter_mut().zip(numbers) {
             if single {
@@ -246,7 +246,7 @@ fn telling(all: &[Vec<Vec<String>>]) -> Vec<usize> {
 }
 
 /// The numbers at some places of a name joined by `-`; without any places its last one.
-fn told(numbers: &[String], places: &[usize]) -> String {
+fn joined(numbers: &[String], places: &[usize]) -> String {
     match places {
         [] => numbers.last().cloned().unwrap_or_default(),
         places => places.iter().map(|&at| numbers[at].as_str()).collect::<Vec<_>>().join("-"),

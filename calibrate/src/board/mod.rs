@@ -45,7 +45,7 @@ mod track;
 
 pub use detect::{Corner, detect};
 pub use error::BoardError;
-pub use input::{BoardView, Seen, look};
+pub use input::{BoardDetections, BoardView, look};
 pub use intrinsics::{LensModel, Single, single};
 pub use layout::{CalibrationFolder, TwoParts};
 pub use picture::pictures;

@@ -8,7 +8,7 @@ use erfgs_session::container::{ContainerError, Entry, Session};
 use erfgs_sync::{StreamSync, Synchronisation};
 
 use super::{
-    BoardError, BoardView, Plate, Seen,
+    BoardDetections, BoardError, BoardView, Plate,
     layout::{VIDEOS, has_extension},
     session::decode,
     stream::{EventBoard, picture_at},
@@ -22,7 +22,7 @@ use crate::evidence::{Evidence, Picture};
 /// # Errors
 /// If a file can no longer be read.
 pub fn pictures(
-    seen: &[Seen],
+    seen: &[BoardDetections],
     plate: impl Into<Plate>,
     events: Option<EventBoard>,
     evidence: &Evidence,
@@ -83,7 +83,7 @@ fn of_file(view: &BoardView) -> Result<ImageRgb8, BoardError> {
 }
 
 fn of_events(
-    seen: &Seen,
+    seen: &BoardDetections,
     view: &BoardView,
     events: Option<EventBoard>,
     clock: Option<&StreamSync>,

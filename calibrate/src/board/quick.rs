@@ -4,7 +4,7 @@
 use glam::{DVec2, DVec3};
 use serde::Serialize;
 
-use super::{BoardError, BoardView, Corner, LensModel, Seen, Single, Target, moved::moved_px, single};
+use super::{BoardDetections, BoardError, BoardView, Corner, LensModel, Single, Target, moved::moved_px, single};
 use crate::{
     bundle::{Parameter, Placement},
     coverage::Coverage,
@@ -69,7 +69,7 @@ pub struct QuickState {
 pub struct Quick {
     target: Target,
     model: LensModel,
-    seen: Seen,
+    seen: BoardDetections,
     frames_with_board: usize,
     last: Vec<Corner>,
     coverage: Coverage,
@@ -85,7 +85,13 @@ impl Quick {
         Self {
             target,
             model,
-            seen: Seen { camera: camera.into(), events, size, source: "live".into(), ..Seen::default() },
+            seen: BoardDetections {
+                camera: camera.into(),
+                events,
+                size,
+                source: "live".into(),
+                ..BoardDetections::default()
+            },
             frames_with_board: 0,
             last: Vec::new(),
             coverage: Coverage::new(size, GRID),

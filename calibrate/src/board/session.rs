@@ -12,7 +12,7 @@ use erfgs_sync::{StreamSync, Synchronisation};
 use rayon::prelude::*;
 
 use super::{
-    BoardError, BoardView, EventBoard, Plate, Seen,
+    BoardDetections, BoardError, BoardView, EventBoard, Plate,
     input::{Mirrors, count_mirrored},
     stream::{Watcher, watch},
 };
@@ -33,23 +33,23 @@ pub fn look_session(
     events: Option<EventBoard>,
     sync: Option<&Synchronisation>,
     progress: &(dyn Fn(usize, Option<usize>) + Sync),
-) -> Result<Vec<Seen>, BoardError> {
+) -> Result<Vec<BoardDetections>, BoardError> {
     let plate = &plate.into();
     let path = &session.path().to_owned();
     let of_stream = |id: &str| sync.and_then(|sync| sync.stream(id));
     let streams = session.summary().streams.clone();
     let start = session.summary().start.clone();
-    let mut seen: Vec<Option<Seen>> = streams
+    let mut seen: Vec<Option<BoardDetections>> = streams
         .iter()
         .map(|stream| {
             let d = &stream.description;
             let looked_at = d.encoding.is_frames() || (d.encoding.is_events() && events.is_some());
-            looked_at.then(|| Seen {
+            looked_at.then(|| BoardDetections {
                 camera: d.id.clone(),
                 events: d.encoding.is_events(),
                 size: [d.width, d.height],
                 source: path.into(),
-                ..Seen::default()
+                ..BoardDetections::default()
             })
         })
         .collect();
@@ -67,7 +67,7 @@ pub fn look_session(
         streams.iter().map(|stream| Mirrors::of(Some(stream.totals.packets as usize))).collect();
     let mut done = 0;
     let mut batch: Vec<(usize, u64, i64, ImageRgb8)> = Vec::new();
-    let look_at = |batch: &mut Vec<(usize, u64, i64, ImageRgb8)>, seen: &mut [Option<Seen>]| {
+    let look_at = |batch: &mut Vec<(usize, u64, i64, ImageRgb8)>, seen: &mut [Option<BoardDetections>]| {
         let look = |(stream, frame, _, image): &(usize, u64, i64, ImageRgb8)| {
             let corners = plate.detect(image);
             let mirrored = mirrors[*stream].look(*frame as usize, image, &corners, plate);
@@ -118,7 +118,7 @@ pub fn look_session(
             tracing::debug!(stream = stream.description.id, views = seen.views.len(), "looked for a board in events");
         }
     }
-    let mut seen: Vec<Seen> = seen.into_iter().flatten().collect();
+    let mut seen: Vec<BoardDetections> = seen.into_iter().flatten().collect();
     let frame_s = streams
         .iter()
         .filter(|stream| stream.description.encoding.is_frames() && stream.totals.packets > 1)
@@ -154,7 +154,7 @@ impl Sink for Handed<'_, '_> {
 }
 
 /// Gives views that lie within `tolerance_s` of each other the same instant, one of each camera at most.
-fn name_instants(seen: &mut [Seen], tolerance_s: f64) {
+fn name_instants(seen: &mut [BoardDetections], tolerance_s: f64) {
     let mut views: Vec<(f64, usize, usize)> = Vec::new();
     for (camera, seen) in seen.iter().enumerate() {
         views.extend(seen.views.iter().enumerate().filter_map(|(view, v)| Some((v.time_s?, camera, view))));
@@ -177,7 +177,7 @@ mod tests {
 
     #[test]
     fn frames_within_half_a_period_are_one_instant() {
-        let of = |times: &[f64]| Seen {
+        let of = |times: &[f64]| BoardDetections {
             camera: String::new(),
             events: false,
             size: [4, 4],
@@ -192,11 +192,12 @@ mod tests {
                     corners: Vec::new(),
                 })
                 .collect(),
-            ..Seen::default()
+            ..BoardDetections::default()
         };
         let mut seen = vec![of(&[0.0, 0.1, 0.2]), of(&[0.01, 0.12, 0.26])];
         name_instants(&mut seen, 0.05);
-        let names = |seen: &Seen| seen.views.iter().map(|view| view.instant.clone()).collect::<Vec<_>>().join(" ");
+        let names =
+            |seen: &BoardDetections| seen.views.iter().map(|view| view.instant.clone()).collect::<Vec<_>>().join(" ");
         assert_eq!([names(&seen[0]), names(&seen[1])], ["1 2 3", "1 2 4"]);
     }
 }

@@ -6,7 +6,7 @@ use erfgs_events::{CdEvent, EventFile, Sink};
 use erfgs_scene::ImageRgb8;
 
 use super::{
-    BoardError, BoardView, Plate, Seen, Target,
+    BoardDetections, BoardError, BoardView, Plate, Target,
     blink::Windows,
     moved::moved_px,
     moving::{self, Looks},
@@ -98,7 +98,7 @@ pub(super) fn of_events(
     plate: &Plate,
     board: EventBoard,
     tick: &(dyn Fn() + Sync),
-) -> Result<Seen, BoardError> {
+) -> Result<BoardDetections, BoardError> {
     let file = EventFile::open(path)?;
     let Some(size) = file.size else { return Err(BoardError::NoSize { path: path.into() }) };
     let mut failure = None;
@@ -110,7 +110,7 @@ pub(super) fn of_events(
         None => {
             let size = [u32::from(size.width), u32::from(size.height)];
             let (camera, source) = (camera.into(), path.to_owned());
-            Ok(Seen { camera, events: true, size, frames, views, source, ..Seen::default() })
+            Ok(BoardDetections { camera, events: true, size, frames, views, source, ..BoardDetections::default() })
         }
     }
 }

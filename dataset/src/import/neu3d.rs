@@ -85,9 +85,9 @@ pub fn import(
     }
     common::override_split(&mut views, options)?;
     let (fps, told) = match &clock.common {
-        Some((_, times, true)) => (times.rate(), clock.told()),
+        Some((_, times, true)) => (times.rate(), clock.description()),
         _ if views.iter().all(|view| view.files().is_some()) => stamps::place(&mut views, given, FPS)?,
-        common => (common.as_ref().map_or(FPS, |(_, times, _)| times.rate()), clock.told()),
+        common => (common.as_ref().map_or(FPS, |(_, times, _)| times.rate()), clock.description()),
     };
     let mut notes = common::order_notes(views.iter().filter_map(SourceView::files), &told);
     if views.iter().any(|view| matches!(view.frames, Frames::Video { .. })) {
@@ -161,7 +161,7 @@ impl Clock {
     }
 
     /// The rate and where it comes from, for the user.
-    fn told(&self) -> String {
+    fn description(&self) -> String {
         match (&self.common, self.given) {
             (_, Some(fps)) => format!("{fps} frames a second, as --fps says"),
             (Some((_, FrameTimes::Uneven(_), _)), _) => "frames at the uneven times that the videos say".to_owned(),

@@ -24,7 +24,7 @@ pub enum EventError {
         "no {model}{} found{}. Check the cable (USB 3, straight into the computer) and that `lsusb` shows it; \
          `erfgs devices` lists what was recognised",
         wanted(serial),
-        seen(others)
+        list_of(others)
     )]
     NotFound {
         /// The model looked for.
@@ -103,8 +103,8 @@ fn wanted(serial: &str) -> String {
     if serial.is_empty() { String::new() } else { format!(" with serial number {serial}") }
 }
 
-fn seen(others: &[String]) -> String {
-    if others.is_empty() { String::new() } else { format!(" (seen: {})", others.join("; ")) }
+fn list_of(others: &[String]) -> String {
+    if others.is_empty() { String::new() } else { format!(" (found: {})", others.join("; ")) }
 }
 
 impl EventError {

@@ -31,7 +31,7 @@ struct Running {
 }
 
 /// The transfers of a stream: those that are wanted, and once it runs those that there are.
-fn told(flight: Flight) -> Value {
+fn stream_settings(flight: Flight) -> Value {
     json!({ "transfers": flight.transfers, "transfer_bytes": flight.bytes })
 }
 
@@ -47,7 +47,7 @@ impl<D: Driver> EventSource<D> {
         driver.configure(&config)?;
         let (width, height) = driver.size();
         let mut settings = driver.settings().clone();
-        settings.insert("stream".into(), told(D::stream_config(&config).flight()));
+        settings.insert("stream".into(), stream_settings(D::stream_config(&config).flight()));
         let description = Description {
             id: id.into(),
             model: D::MODEL.into(),
@@ -110,7 +110,7 @@ impl<D: Driver> Source for EventSource<D> {
         let (signals, inbox) = mpsc::channel();
         let stream = begin(driver, flight, &self.feed, &outlet, &signals)?;
         drop(guard);
-        let granted = told(Flight { transfers: stream.granted(), ..flight });
+        let granted = stream_settings(Flight { transfers: stream.granted(), ..flight });
         self.description.settings.insert("stream".into(), granted);
         let supervisor = Supervisor {
             link: Arc::clone(&self.link),

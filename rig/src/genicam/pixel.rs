@@ -67,7 +67,7 @@ pub fn code_of(format: PixelFormat) -> Option<u32> {
 
 /// A camera's name of a format, and ours if there is one.
 #[must_use]
-pub fn told(name: &str) -> String {
+pub fn both_names(name: &str) -> String {
     match FORMATS.iter().find(|(known, _, _)| *known == name) {
         Some((_, _, ours)) => format!("{name} (format = \"{ours}\")"),
         None => name.to_owned(),
@@ -86,6 +86,9 @@ mod tests {
             assert!(names_of(ours).any(|known| known == name) && code_of(ours) == Some(code));
         }
         assert_eq!(names_of(PixelFormat::Mjpeg).count(), 0);
-        assert_eq!((told("BayerRG8").as_str(), told("Coord3D")), ("BayerRG8 (format = \"rggb8\")", "Coord3D".into()));
+        assert_eq!(
+            (both_names("BayerRG8").as_str(), both_names("Coord3D")),
+            ("BayerRG8 (format = \"rggb8\")", "Coord3D".into())
+        );
     }
 }

@@ -164,7 +164,7 @@ fn set_region(features: &mut Features, wishes: &Wishes<'_>) -> Result<(), Genica
     let offered = features.choices("PixelFormat");
     let name = pixel::names_of(wishes.format).find(|name| offered.iter().any(|offered| offered == name));
     let Some(name) = name else {
-        let has: Vec<String> = offered.iter().map(|name| pixel::told(name)).collect();
+        let has: Vec<String> = offered.iter().map(|name| pixel::both_names(name)).collect();
         let reason =
             format!("the camera has {}", if has.is_empty() { "no PixelFormat".into() } else { has.join(", ") });
         return Err(refuse("format", wishes.format, reason));

@@ -119,7 +119,7 @@ fn said_unit(document: &Table) -> Result<Option<Unit>, String> {
     let cameras = tables.filter_map(Value::as_table).filter(|table| table.contains_key("matrix"));
     let metadata = document.get("metadata").and_then(Value::as_table);
     let words = std::iter::once(document).chain(metadata).chain(cameras).flatten();
-    unit::said(words.filter(|(key, _)| unit::is_key(key)).map(|(_, word)| word.as_str()))
+    unit::stated(words.filter(|(key, _)| unit::is_key(key)).map(|(_, word)| word.as_str()))
 }
 
 /// What is read of a camera, or says nothing of it.

@@ -89,7 +89,7 @@ pub(super) fn is_key(key: &str) -> bool {
 }
 
 /// The one unit that the words of a file say, if any do.
-pub(super) fn said<'a>(words: impl Iterator<Item = Option<&'a str>>) -> Result<Option<Unit>, String> {
+pub(super) fn stated<'a>(words: impl Iterator<Item = Option<&'a str>>) -> Result<Option<Unit>, String> {
     let mut unit = None;
     for word in words {
         let other: Unit = word.ok_or("its unit is no word; m, cm, mm and inch are")?.parse()?;

@@ -94,7 +94,7 @@ pub(super) fn keys(document: &Yaml) -> impl Iterator<Item = &str> {
 
 /// The unit of lengths that a document says.
 pub(super) fn unit(document: &Yaml) -> Result<Option<Unit>, String> {
-    unit::said(keys(document).filter(|key| unit::is_key(key)).map(|key| document[key].as_str()))
+    unit::stated(keys(document).filter(|key| unit::is_key(key)).map(|key| document[key].as_str()))
 }
 
 /// A list as YAML.

@@ -21,7 +21,7 @@ fn checkpoint() -> Checkpoint {
             step: 3,
             vectors: vec![NamedVector { name: "grid".into(), values: vec![0.1, -0.0, f32::MIN_POSITIVE] }],
         }),
-        seen: vec![Seen { gradient: 0.1, iterations: 2.0, radius_px: 3.0 }; 2],
+        statistics: vec![ScreenStatistics { gradient: 0.1, iterations: 2.0, radius_px: 3.0 }; 2],
         camera_colours: None,
         camera_poses: None,
         camera_times: None,
@@ -161,7 +161,7 @@ fn a_checkpoint_with_a_number_that_is_none_is_refused_by_name() {
     let path = folder.path().join("checkpoint.bin");
     let whole = checkpoint();
     let names: Vec<(String, usize)> =
-        whole.vectors(&whole.seen_floats()).into_iter().map(|(name, values)| (name, values.len())).collect();
+        whole.vectors(&whole.statistics_floats()).into_iter().map(|(name, values)| (name, values.len())).collect();
     for (at, (name, length)) in names.into_iter().enumerate().filter(|(_, (_, length))| *length > 0) {
         for (index, value) in [(0, f32::NAN), (length - 1, f32::INFINITY), (length / 2, f32::NEG_INFINITY)] {
             let mut spoilt = checkpoint();
@@ -174,7 +174,7 @@ fn a_checkpoint_with_a_number_that_is_none_is_refused_by_name() {
                 4 => moments.sh_first[index] = value,
                 5 => moments.sh_second[index] = value,
                 6 => {
-                    let Seen { gradient, iterations, radius_px } = &mut spoilt.seen[index / 3];
+                    let ScreenStatistics { gradient, iterations, radius_px } = &mut spoilt.statistics[index / 3];
                     *[gradient, iterations, radius_px][index % 3] = value;
                 }
                 _ => spoilt.field.as_mut().expect("a field").vectors[0].values[index] = value,

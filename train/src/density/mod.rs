@@ -143,7 +143,7 @@ impl Population {
 
 /// What a Gaussian did on screen since the last densification.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Seen {
+pub struct ScreenStatistics {
     /// Sum over iterations of the norm of the screen-space gradient, NDC units.
     pub gradient: f32,
     /// Iterations in which any view saw it.
@@ -152,7 +152,7 @@ pub struct Seen {
     pub radius_px: f32,
 }
 
-impl Seen {
+impl ScreenStatistics {
     fn mean_gradient(&self) -> f32 {
         if self.iterations > 0.0 { self.gradient / self.iterations } else { 0.0 }
     }
@@ -186,7 +186,7 @@ pub struct Measures {
 #[must_use]
 pub fn densify(
     population: &Population,
-    seen: &[Seen],
+    statistics: &[ScreenStatistics],
     config: &DensityConfig,
     grow: bool,
     measures: &Measures,
@@ -195,13 +195,14 @@ pub fn densify(
     let count = gaussians.len();
     let prune = count as u32 > config.prune_above;
     let removed: Vec<bool> =
-        (0..count).map(|index| is_removed(gaussians, seen, config, prune, measures, index)).collect();
+        (0..count).map(|index| is_removed(gaussians, statistics, config, prune, measures, index)).collect();
     let mut candidates: Vec<usize> = if grow { (0..count).collect() } else { Vec::new() };
-    candidates.retain(|&index| !removed[index] && seen[index].mean_gradient() >= config.gradient_threshold);
+    candidates.retain(|&index| !removed[index] && statistics[index].mean_gradient() >= config.gradient_threshold);
     let room = (config.max_gaussians as usize).saturating_sub(count);
     if candidates.len() > room {
         // The most needed first; the index decides between equals, so that the result does not depend on the sort.
-        candidates.sort_by(|&a, &b| seen[b].mean_gradient().total_cmp(&seen[a].mean_gradient()).then(a.cmp(&b)));
+        candidates
+            .sort_by(|&a, &b| statistics[b].mean_gradient().total_cmp(&statistics[a].mean_gradient()).then(a.cmp(&b)));
         candidates.truncate(room);
     }
     let split_size = config.split_extent * measures.extent;
@@ -270,7 +271,7 @@ enum Growth {
 
 fn is_removed(
     gaussians: &Gaussians,
-    seen: &[Seen],
+    statistics: &[ScreenStatistics],
     config: &DensityConfig,
     prune: bool,
     measures: &Measures,
@@ -288,7 +289,7 @@ fn is_removed(
     prune
         && (gaussians.opacity(index) < config.min_opacity
             || config.max_extent > 0.0 && largest > config.max_extent * measures.extent
-            || config.max_screen > 0.0 && seen[index].radius_px > config.max_screen * measures.width_px)
+            || config.max_screen > 0.0 && statistics[index].radius_px > config.max_screen * measures.width_px)
 }
 
 /// Moves a copy of its parent to a random place within the parent and makes it smaller by 1.6.
@@ -328,8 +329,8 @@ mod tests {
         Population { gaussians, moments }
     }
 
-    fn hot(count: usize) -> Vec<Seen> {
-        vec![Seen { gradient: 1.0, iterations: 2.0, radius_px: 1.0 }; count]
+    fn hot(count: usize) -> Vec<ScreenStatistics> {
+        vec![ScreenStatistics { gradient: 1.0, iterations: 2.0, radius_px: 1.0 }; count]
     }
 
     fn config() -> DensityConfig {
@@ -361,16 +362,16 @@ mod tests {
         let mut before = population(&[0.001; 4], 2);
         before.gaussians.core[10] = -20.0;
         before.gaussians.core[3 * CORE] = f32::NAN;
-        let (after, change) = densify(&before, &[Seen::default(); 4], &config(), true, &MEASURES);
+        let (after, change) = densify(&before, &[ScreenStatistics::default(); 4], &config(), true, &MEASURES);
         assert_eq!((change.pruned, after.gaussians.len(), after.gaussians.dynamic), (2, 2, 1));
     }
 
     #[test]
     fn the_limit_lets_the_most_needed_grow_first() {
-        let mut seen = hot(4);
-        seen[2].gradient = 9.0;
+        let mut statistics = hot(4);
+        statistics[2].gradient = 9.0;
         let config = DensityConfig { max_gaussians: 5, ..config() };
-        let (after, change) = densify(&population(&[0.001; 4], 0), &seen, &config, true, &MEASURES);
+        let (after, change) = densify(&population(&[0.001; 4], 0), &statistics, &config, true, &MEASURES);
         assert_eq!((change.cloned, after.gaussians.len()), (1, 5));
         assert_eq!(after.gaussians.mean(4)[0], 2.0);
     }

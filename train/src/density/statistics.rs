@@ -2,7 +2,7 @@
 
 use wgpu::Buffer;
 
-use super::Seen;
+use super::ScreenStatistics;
 use crate::kernels::kernel;
 use erfgs_splat::gpu::{Commands, Gpu, GpuError, Kernel, stored};
 
@@ -41,16 +41,19 @@ impl Statistics {
     ///
     /// # Errors
     /// [`GpuError::Failed`].
-    pub fn read(&self, gpu: &Gpu) -> Result<Vec<Seen>, GpuError> {
+    pub fn read(&self, gpu: &Gpu) -> Result<Vec<ScreenStatistics>, GpuError> {
         let rows: Vec<[f32; 4]> = gpu.download(&self.seen, self.rows as usize)?;
-        Ok(rows.iter().map(|row| Seen { gradient: row[0], iterations: row[1], radius_px: row[2] }).collect())
+        Ok(rows
+            .iter()
+            .map(|row| ScreenStatistics { gradient: row[0], iterations: row[1], radius_px: row[2] })
+            .collect())
     }
 
     /// Starts anew with `seen` (of other rows, perhaps).
     ///
     /// # Errors
     /// [`GpuError::TooLarge`].
-    pub fn replace(&mut self, gpu: &Gpu, seen: &[Seen]) -> Result<(), GpuError> {
+    pub fn replace(&mut self, gpu: &Gpu, seen: &[ScreenStatistics]) -> Result<(), GpuError> {
         let rows: Vec<[f32; 4]> =
             seen.iter().map(|seen| [seen.gradient, seen.iterations, seen.radius_px, 0.0]).collect();
         self.seen = gpu.storage_from("statistics", &rows)?;
@@ -75,8 +78,8 @@ mod tests {
             commands.submit();
         }
         let seen = statistics.read(&gpu).expect("statistics");
-        assert_eq!(seen[0], Seen { gradient: 6.0, iterations: 2.0, radius_px: 5.0 });
-        assert_eq!(seen[1], Seen::default());
+        assert_eq!(seen[0], ScreenStatistics { gradient: 6.0, iterations: 2.0, radius_px: 5.0 });
+        assert_eq!(seen[1], ScreenStatistics::default());
     }
     #[test]
     fn what_was_left_out_of_a_picture_was_not_seen() {

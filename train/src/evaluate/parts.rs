@@ -8,7 +8,7 @@ use super::split::When;
 use crate::metrics::{ColourSums, Dpsnr, MaskedError, MetricError, Picture, masked_error};
 
 /// One held-out frame.
-struct Seen {
+struct FrameErrors {
     when: When,
     camera: usize,
     moving: MaskedError,
@@ -21,7 +21,7 @@ struct Seen {
 /// What is gathered over the held-out frames.
 #[derive(Default)]
 pub(super) struct Parts {
-    frames: Vec<Seen>,
+    frames: Vec<FrameErrors>,
 }
 
 impl Parts {
@@ -36,7 +36,7 @@ impl Parts {
         moving: MaskedError,
     ) -> Result<(), MetricError> {
         let still: Vec<bool> = mask.iter().map(|moves| !moves).collect();
-        self.frames.push(Seen {
+        self.frames.push(FrameErrors {
             when,
             camera,
             moving,
@@ -78,8 +78,8 @@ impl Parts {
         let maps: BTreeMap<usize, _> = still.into_iter().map(|(camera, sums)| (camera, sums.fit())).collect();
         let matched =
             |sums: &ColourSums, camera: usize| MaskedError { sum: sums.error(&maps[&camera]), pixels: sums.pixels() };
-        let moving = |frame: &Seen| matched(&frame.moving_colours, frame.camera);
-        let still = |frame: &Seen| matched(&frame.still_colours, frame.camera);
+        let moving = |frame: &FrameErrors| matched(&frame.moving_colours, frame.camera);
+        let still = |frame: &FrameErrors| matched(&frame.still_colours, frame.camera);
         Some(ColourCorrected {
             psnr: mean(self.frames.iter().map(|frame| both(moving(frame), still(frame))))?,
             dpsnr: mean(self.frames.iter().map(moving)),

@@ -35,8 +35,8 @@ pub(super) fn noise(totals: &[[u32; 2]]) -> [f64; 2] {
 /// tell, or where they do not agree that it is another than was `stated`.
 pub(super) fn ratio(totals: &[[u32; 2]], noise: [f64; 2], stated: f64) -> Option<f64> {
     let caused = totals.iter().map(|counts| [0, 1].map(|kind| f64::from(counts[kind]) - noise[kind]));
-    let told = caused.filter(|counts| counts.iter().all(|&count| count >= EVENTS));
-    let mut logs: Vec<f64> = told.map(|[on, off]| (off / on).ln()).collect();
+    let revealing = caused.filter(|counts| counts.iter().all(|&count| count >= EVENTS));
+    let mut logs: Vec<f64> = revealing.map(|[on, off]| (off / on).ln()).collect();
     if logs.len() < PIXELS {
         return None;
     }
@@ -77,7 +77,7 @@ impl Returns {
     }
 
     /// The counts of pixels that tell of their own thresholds.
-    pub fn told(&self, pixel: usize) -> Option<[u32; 2]> {
+    pub fn revealing(&self, pixel: usize) -> Option<[u32; 2]> {
         Some(self.counts[pixel]).filter(|counts| counts.iter().all(|&count| count >= MANY))
     }
 }
@@ -112,7 +112,7 @@ mod tests {
             .collect()
     }
 
-    fn told(totals: &[[u32; 2]], stated: f64) -> Option<f64> {
+    fn revealing(totals: &[[u32; 2]], stated: f64) -> Option<f64> {
         ratio(totals, noise(totals), stated)
     }
 
@@ -120,7 +120,7 @@ mod tests {
     fn thresholds_that_were_stated_wrong_are_found_by_what_comes_back() {
         for of_sensor in [0.6, 0.8, 1.25, 1.7] {
             for noise in [[0.0, 0.0], [3.0, 0.2], [5.0, 5.0]] {
-                let found = told(&totals(3000, of_sensor, 0.3, noise), 1.0).expect("a difference");
+                let found = revealing(&totals(3000, of_sensor, 0.3, noise), 1.0).expect("a difference");
                 assert!((found / of_sensor).ln().abs() < 0.05, "{found} of {of_sensor} with {noise:?}");
             }
         }
@@ -128,12 +128,12 @@ mod tests {
 
     #[test]
     fn what_is_stated_stays_where_nothing_speaks_against_it() {
-        assert_eq!(told(&totals(3000, 1.0, 0.3, [0.0, 0.0]), 1.0), None);
-        assert_eq!(told(&totals(3000, 1.0, 0.3, [4.0, 0.1]), 1.0), None, "leaks are no threshold");
-        assert_eq!(told(&totals(3000, 1.25, 0.3, [0.0, 0.0]), 1.25), None);
-        assert_eq!(told(&totals(450, 1.7, 0.0, [0.0, 0.0]), 1.0), None, "too few pixels");
+        assert_eq!(revealing(&totals(3000, 1.0, 0.3, [0.0, 0.0]), 1.0), None);
+        assert_eq!(revealing(&totals(3000, 1.0, 0.3, [4.0, 0.1]), 1.0), None, "leaks are no threshold");
+        assert_eq!(revealing(&totals(3000, 1.25, 0.3, [0.0, 0.0]), 1.25), None);
+        assert_eq!(revealing(&totals(450, 1.7, 0.0, [0.0, 0.0]), 1.0), None, "too few pixels");
         assert_eq!(ratio(&vec![[9, 2]; 2000], [0.0, 0.0], 1.0), None, "too few events");
-        assert_eq!((told(&[], 1.0), noise(&[])), (None, [0.0, 0.0]));
+        assert_eq!((revealing(&[], 1.0), noise(&[])), (None, [0.0, 0.0]));
         // Pixels that contradict each other.
         let torn: Vec<[u32; 2]> = (0..240).map(|at| if at % 2 == 0 { [40, 10] } else { [10, 36] }).collect();
         assert_eq!(ratio(&torn, [0.0, 0.0], 1.0), None);
@@ -149,10 +149,10 @@ mod tests {
                 let [on, off] = [on, off].map(|threshold: f64| (f64::from(period) * 0.9 / threshold) as u32);
                 returns.edge(&[[on + jump, off], [period / 3, period]]);
             }
-            let counts = returns.told(0).expect("a lamp");
+            let counts = returns.revealing(0).expect("a lamp");
             let [up, down] = own_steps(counts, [1.0, 1.0]);
             assert!((f64::from(up / down) - on / off).abs() < 0.015 && (up * down - 1.0).abs() < 1e-5, "{up} {down}");
-            assert_eq!(returns.told(1), None);
+            assert_eq!(returns.revealing(1), None);
         }
     }
 

@@ -182,11 +182,11 @@ impl<'a> EventCounter<'a> {
             linear_light: file.linear_light,
         };
         let (counts, returns) = self.end().map_err(scratch(&folder))?;
-        let told = |pixel: usize| returns.as_ref().and_then(|returns| returns.told(pixel));
+        let revealing = |pixel: usize| returns.as_ref().and_then(|returns| returns.revealing(pixel));
         let stated_ratio = file.threshold_on / file.threshold_off;
         let (measured_ratio, noise) = if earl.balance {
             let totals = counts.between(covers[0], covers[1]).map_err(scratch(&folder))?;
-            let totals = totals.into_iter().enumerate().filter(|(pixel, _)| told(*pixel).is_none());
+            let totals = totals.into_iter().enumerate().filter(|(pixel, _)| revealing(*pixel).is_none());
             let totals: Vec<[u32; 2]> = totals.map(|(_, counts)| counts).collect();
             let noise = balance::noise(&totals);
             (balance::ratio(&totals, noise, stated_ratio), noise)
@@ -194,11 +194,11 @@ impl<'a> EventCounter<'a> {
             (None, [0.0; 2])
         };
         // What both change together stays as stated.
-        let more = measured_ratio.map_or(1.0, |told| (told / stated_ratio).sqrt());
+        let more = measured_ratio.map_or(1.0, |revealing| (revealing / stated_ratio).sqrt());
         let step = [file.threshold_on * more, file.threshold_off / more].map(|one| (one / threshold) as f32);
         let drift = noise[0] * f64::from(step[0]) - noise[1] * f64::from(step[1]);
         let drift = if drift.abs() < LEAST_DRIFT { 0.0 } else { drift };
-        let own = |pixel: usize| told(pixel).map_or(step, |counts| balance::own_steps(counts, step));
+        let own = |pixel: usize| revealing(pixel).map_or(step, |counts| balance::own_steps(counts, step));
         let pixels = if returns.is_some() { width * height } else { 0 };
         let steps = (0..pixels).map(own).collect();
         Ok(EventView { view, sensor, count, covers, width, measured_ratio, step, steps, drift, edges, counts, folder })

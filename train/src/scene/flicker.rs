@@ -63,7 +63,7 @@ impl Flicker {
         };
         let found = cameras.into_par_iter().map(|camera| look(camera).map(FlickerFinder::finish));
         let found = found.collect::<Result<Vec<_>, _>>()?;
-        Ok(found.into_iter().reduce(Seen::with).and_then(Seen::tell))
+        Ok(found.into_iter().reduce(Evidence::with).and_then(Evidence::tell))
     }
 
     /// How many turns of the nominal frequency the peaks are behind at a time, microseconds.
@@ -160,7 +160,7 @@ pub(super) struct FlickerFinder {
 }
 
 /// What cameras have seen.
-struct Seen {
+struct Evidence {
     pixels: u64,
     /// Of each frequency the pixels that flicker so, and the windows.
     steady: Vec<u64>,
@@ -235,16 +235,16 @@ impl FlickerFinder {
         if self.finish().tell().is_some() { pixels } else { Vec::new() }
     }
 
-    fn finish(self) -> Seen {
+    fn finish(self) -> Evidence {
         let mut steady = vec![0; frequencies()];
         for pixel in self.pixels.iter().filter(|pixel| pixel.flickers()) {
             frequency_of(pixel.interval.into()).into_iter().for_each(|frequency| steady[frequency] += 1);
         }
-        Seen { pixels: self.pixels.len() as u64, steady, windows: self.windows }
+        Evidence { pixels: self.pixels.len() as u64, steady, windows: self.windows }
     }
 }
 
-impl Seen {
+impl Evidence {
     /// Together with what others saw of the same light.
     fn with(mut self, other: Self) -> Self {
         self.pixels += other.pixels;
@@ -345,7 +345,7 @@ mod tests {
         events
     }
 
-    fn seen(events: &Events) -> Seen {
+    fn seen(events: &Events) -> Evidence {
         let mut finder = FlickerFinder::new(SIZE[0], SIZE[1]);
         finder.add(events);
         finder.finish()

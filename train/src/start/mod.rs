@@ -2,13 +2,13 @@
 
 pub mod birth;
 mod bodies;
+mod pieces;
 mod rest;
-mod seen;
 mod shutter;
 mod thin;
 
+pub use self::pieces::{Piece, pieces};
 pub use bodies::{Recording, from_bodies};
 pub(crate) use bodies::{SURE, agreement, silhouettes_agree};
 pub use rest::unexplained;
-pub use seen::{Piece, pieces};
 pub use thin::thin;

@@ -149,13 +149,13 @@ impl Trainer<'_> {
         }
         let gpu = self.gpu;
         let mut population = self.model.population(gpu)?;
-        let mut seen = self.statistics.read(gpu)?;
+        let mut statistics = self.statistics.read(gpu)?;
         if guided {
             let rows = self.guided(&population.gaussians)?;
             let at = population.gaussians.dynamic;
             let rows = rows.with_motion_floats(population.gaussians.motion_floats);
             population = population.with_dynamic(&rows);
-            seen.splice(at..at, vec![Default::default(); rows.len()]);
+            statistics.splice(at..at, vec![Default::default(); rows.len()]);
         }
         let learning = population.gaussians.len() - self.model.fixed as usize;
         let [mut population, fixed] = population.split_at(learning);
@@ -167,16 +167,16 @@ impl Trainer<'_> {
                 iteration: self.schedule.done(&self.clock),
             };
             let grow = population.gaussians.len() < density.max_gaussians as usize;
-            let (next, change) = densify(&population, &seen[..learning], &density, grow, &measures);
+            let (next, change) = densify(&population, &statistics[..learning], &density, grow, &measures);
             tracing::debug!(?change, gaussians = next.gaussians.len(), "densified");
-            seen = vec![Default::default(); next.gaussians.len() + fixed.gaussians.len()];
+            statistics = vec![Default::default(); next.gaussians.len() + fixed.gaussians.len()];
             population = next;
         }
         if resets {
             population.reset_opacity(0.01);
         }
         self.model.replace(gpu, &population.followed_by(&fixed))?;
-        self.statistics.replace(gpu, &seen)?;
+        self.statistics.replace(gpu, &statistics)?;
         Ok(())
     }
 

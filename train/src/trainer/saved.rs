@@ -19,7 +19,8 @@ impl<'a> Trainer<'a> {
         checkpoint: Checkpoint,
         options: &TrainOptions,
     ) -> Result<Self, TrainError> {
-        let Checkpoint { config, clock, step, population, field_box, field, seen, levels, left_out, .. } = checkpoint;
+        let Checkpoint { config, clock, step, population, field_box, field, statistics, levels, left_out, .. } =
+            checkpoint;
         let (camera_colours, camera_poses) = (checkpoint.camera_colours, checkpoint.camera_poses);
         let fixed = checkpoint.fixed as u32;
         let camera_times = checkpoint.camera_times;
@@ -37,7 +38,7 @@ impl<'a> Trainer<'a> {
         // After all that is found from the frames as the dataset has them, as in a run that was not stopped.
         trainer.restore_clocks(camera_times)?;
         trainer.model.step = step;
-        trainer.statistics.replace(gpu, &seen)?;
+        trainer.statistics.replace(gpu, &statistics)?;
         if let Some(state) = camera_colours.as_ref().filter(|_| trainer.colours_differ) {
             let (saved, views) = (state.steps.len(), trainer.scene.views.len());
             if saved != views {
@@ -70,7 +71,7 @@ impl<'a> Trainer<'a> {
             record: Some(self.record(field.as_ref())?),
             points: self.initial_points(),
             field,
-            seen: self.statistics.read(self.gpu)?,
+            statistics: self.statistics.read(self.gpu)?,
             camera_colours: match self.colours_differ {
                 true => Some(self.colour_state()?),
                 false => None,

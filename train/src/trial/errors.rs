@@ -50,7 +50,7 @@ struct Window {
 }
 
 /// What was kept apart.
-pub(super) struct Seen {
+pub(super) struct HeldOutViews {
     frames: Vec<Frame>,
     windows: Vec<Window>,
     events: Option<EventView>,
@@ -95,7 +95,7 @@ impl Errors {
     }
 }
 
-impl Seen {
+impl HeldOutViews {
     /// What the cameras that were kept apart saw, with where each body is by its path.
     pub fn new(scene: &Scene, bodies: &[Body], held_out: &HeldOut, config: &Config) -> Result<Self, SceneError> {
         let find = |name: &Option<String>| {
@@ -350,7 +350,7 @@ mod tests {
             beside: Vec::new(),
         };
         let frames = vec![frame([vec![0, 1, 2], vec![2, 3], vec![3]]), frame([vec![5], vec![6, 7], vec![6, 7]])];
-        let mut seen = Seen { frames, windows: Vec::new(), events: None, bodies: 3 };
+        let mut seen = HeldOutViews { frames, windows: Vec::new(), events: None, bodies: 3 };
         seen.tell_apart();
         // The first has pixels of its own; the others have none in either frame, and keep what they share.
         assert_eq!(seen.frames[0].bodies, [vec![0, 1], vec![2, 3], vec![3]]);

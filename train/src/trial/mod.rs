@@ -161,7 +161,7 @@ pub fn trial(
     let scratch = std::env::temp_dir();
     let scene = Scene::load_within(dataset, &free_config, false, setting.memory, &scratch)?;
     let bodies = scene.carrying(&config)?;
-    let seen = errors::Seen::new(&scene, &bodies, &held_out, &config)?;
+    let seen = errors::HeldOutViews::new(&scene, &bodies, &held_out, &config)?;
     let part = |budget: Option<f64>| budget.map(|budget| budget * MOST_TIME);
     let budget = Budget { seconds: part(budget.seconds), cpu_seconds: part(budget.cpu_seconds) };
     let device_memory = setting.device_memory;

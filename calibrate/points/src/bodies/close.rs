@@ -10,7 +10,7 @@ use super::{
     chains::Chain,
     detections::{Detection, FEWEST, Histogram},
     flight::{self, Places},
-    mixture::{Mixture, Seen},
+    mixture::{Mixture, PointClouds},
 };
 
 /// So many things more than there are tracks are looked for.
@@ -46,14 +46,14 @@ pub struct Followed<'a> {
 
 /// Things that were told apart.
 #[derive(Clone, Debug, Default)]
-pub struct ToldApart {
+pub struct Separated {
     /// The things.
     things: Vec<Thing>,
     /// Which tracks these take the place of.
     pub tracks: Vec<usize>,
 }
 
-impl ToldApart {
+impl Separated {
     /// The chains of all things, with their detections added to those that are known.
     pub fn chained(self, chains: &mut Vec<Chain>, found: &mut [Vec<Detection>]) {
         let mut index = 0;
@@ -76,8 +76,8 @@ impl ToldApart {
 
 impl Followed<'_> {
     /// Looks for more things than there are tracks where these touch one another or do not fall freely.
-    pub fn told_apart(self) -> ToldApart {
-        let mut all = ToldApart::default();
+    pub fn separated(self) -> Separated {
+        let mut all = Separated::default();
         for group in self.groups() {
             // What bounces may be two things that change places. Two things that fly side by side seem to fall as one.
             let falls = |&track: &usize| {
@@ -89,7 +89,7 @@ impl Followed<'_> {
             }
             let pieces = Pieces::of(self, &group);
             let more = (group.len() + 1..=group.len() + MORE).rev();
-            if let Some(things) = more.into_iter().find_map(|count| pieces.told_apart(count)) {
+            if let Some(things) = more.into_iter().find_map(|count| pieces.separated(count)) {
                 all.things.extend(things);
                 all.tracks.extend(group);
             }
@@ -136,9 +136,9 @@ impl<'a> Pieces<'a> {
     }
 
     /// So many things, if each flies by itself.
-    fn told_apart(&self, count: usize) -> Option<Vec<Thing>> {
+    fn separated(&self, count: usize) -> Option<Vec<Thing>> {
         let Followed { times_s, cell_m, .. } = self.followed;
-        let mixture = Mixture::of(Seen { times_s, points: &self.points, cell_m }, count)?;
+        let mixture = Mixture::of(PointClouds { times_s, points: &self.points, cell_m }, count)?;
         let mut things = self.things(&mixture);
         for _ in 0..count {
             if !exchange(&mut things) {
@@ -266,7 +266,7 @@ mod tests {
     }
 
     /// What is followed in points of things that are where `way` has them.
-    fn things(ways: &[&dyn Fn(f64) -> DVec3], shape: &[DVec3]) -> ToldApart {
+    fn things(ways: &[&dyn Fn(f64) -> DVec3], shape: &[DVec3]) -> Separated {
         let of = |t: f64, thing: usize| shape.iter().map(move |point| (ways[thing](t) + *point, PAINTS[thing]));
         let instants: Vec<(Vec<DVec3>, Vec<[u8; 3]>)> =
             times().into_iter().map(|t| (0..ways.len()).flat_map(|thing| of(t, thing)).unzip()).collect();
@@ -282,7 +282,7 @@ mod tests {
             cell_m: CELL_M,
             exposure_s: 0.0,
         };
-        followed.told_apart()
+        followed.separated()
     }
 
     fn fall(t: f64) -> DVec3 {

@@ -27,19 +27,19 @@ const MOST_PAIRS: usize = 40;
 /// Colours by direction, as a map of equal angles.
 #[derive(Clone, Debug)]
 pub struct Globe {
-    seen: Vec<Seen>,
+    seen: Vec<Facet>,
 }
 
 /// What views see of a direction.
 #[derive(Clone, Copy, Debug, Default)]
-struct Seen {
+struct Facet {
     /// The mean colour.
     colour: [f32; 3],
     /// How many views face it, and how much; 0 where it is not seen.
     weight: f32,
 }
 
-impl Seen {
+impl Facet {
     fn brightness(&self) -> f32 {
         self.colour.iter().sum()
     }
@@ -61,12 +61,12 @@ impl Globe {
 
     /// The colour in a direction of length 1, where it is seen.
     pub fn colour(&self, along: DVec3) -> Option<[u8; 3]> {
-        let Seen { colour, weight } = self.at(along);
+        let Facet { colour, weight } = self.at(along);
         (*weight > 0.0).then(|| colour.map(|value| value.round() as u8))
     }
 
     /// What is seen in a direction of length 1.
-    fn at(&self, along: DVec3) -> &Seen {
+    fn at(&self, along: DVec3) -> &Facet {
         &self.seen[index(along)]
     }
 }
@@ -137,8 +137,8 @@ pub fn without_light(globes: &mut [(f64, Globe)]) {
     }
 }
 
-fn seen(film: &Film, moment: usize, centre: DVec3, place: DVec3) -> Seen {
-    let mut seen = Seen::default();
+fn seen(film: &Film, moment: usize, centre: DVec3, place: DVec3) -> Facet {
+    let mut seen = Facet::default();
     for view in &film.moments[moment].views {
         let eye = &film.eyes[view.eye];
         let facing = (eye.centre - centre - place).normalize_or_zero().dot(place.normalize_or_zero());
@@ -193,7 +193,7 @@ mod tests {
                 let spots = 100.0 + 60.0 * (5.0 * own.x).sin() * (4.0 * own.y + own.z).cos();
                 let bright = spots * (1.0 + light * normal.x);
                 let weight = if normal.z > 0.0 { normal.z as f32 } else { 0.0 };
-                Seen { colour: [bright as f32, 0.5 * bright as f32, 20.0], weight }
+                Facet { colour: [bright as f32, 0.5 * bright as f32, 20.0], weight }
             };
             (t_s, Globe { seen: (0..2 * ROWS * ROWS).map(seen).collect() })
         };
@@ -228,7 +228,7 @@ mod tests {
         let after = apart(&lit);
         assert!(before > 2.0 * wanted && after < 0.55 * before, "{before} {after} {wanted}");
         // Of what is not seen at all there is no light.
-        let mut unseen = vec![(0.0, Globe { seen: vec![Seen::default(); 2 * ROWS * ROWS] })];
+        let mut unseen = vec![(0.0, Globe { seen: vec![Facet::default(); 2 * ROWS * ROWS] })];
         without_light(&mut unseen);
         assert!(unseen[0].1.seen.iter().all(|seen| seen.colour == [0.0; 3]));
     }

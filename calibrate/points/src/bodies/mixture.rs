@@ -20,7 +20,7 @@ const LEAST_SPREAD: f64 = 1.5;
 
 /// The points of each instant.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub struct PointClouds<'a> {
     /// The instants, seconds.
     pub times_s: &'a [f64],
     /// Places at each, metres.
@@ -50,9 +50,9 @@ struct Share {
 
 impl Mixture {
     /// The mixture of so many flights that makes points likeliest; none if they are too few.
-    pub fn of(seen: Seen<'_>, count: usize) -> Option<Self> {
+    pub fn of(seen: PointClouds<'_>, count: usize) -> Option<Self> {
         let few: Vec<Vec<DVec3>> = seen.points.iter().map(|points| thinned(points)).collect();
-        let few = Seen { points: &few, ..seen };
+        let few = PointClouds { points: &few, ..seen };
         let tried = |guess: usize| {
             let first = Self::guess(few, count, random::key(guess as u64, &[count as u64]))?;
             (0..ROUNDS).try_fold(first, |mixture, _| mixture.nearer(few))
@@ -68,7 +68,7 @@ impl Mixture {
     }
 
     /// Straight flights through parts of the points of two instants.
-    fn guess(seen: Seen<'_>, count: usize, key: u64) -> Option<Self> {
+    fn guess(seen: PointClouds<'_>, count: usize, key: u64) -> Option<Self> {
         let full: Vec<usize> = (0..seen.points.len()).filter(|&at| seen.points[at].len() >= count).collect();
         let order = random::permutation(key, full.len());
         let [from, to] = [*full.get(*order.first()?)?, *full.get(*order.get(1)?)?];
@@ -88,7 +88,7 @@ impl Mixture {
     }
 
     /// After one round more.
-    fn nearer(&self, seen: Seen<'_>) -> Option<Self> {
+    fn nearer(&self, seen: PointClouds<'_>) -> Option<Self> {
         let mut shares = vec![vec![Share::default(); seen.points.len()]; self.places.len()];
         let (mut likelihood, mut count) = (0.0, 0.0);
         for (instant, points) in seen.points.iter().enumerate() {

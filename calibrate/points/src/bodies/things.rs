@@ -133,7 +133,7 @@ fn followed(film: &Film, clouds: &[Cloud<'_>], times_s: &[f64]) -> (Vec<Track>, 
         crumbs::forget(&mut chains, &tracks, times_s, sizes);
         (tracks, owners) = centres::follow(&chains, &found, clouds, times_s, sizes, fall);
     }
-    let apart = close::Followed { tracks: &tracks, owners: &owners, clouds, times_s, cell_m, exposure_s }.told_apart();
+    let apart = close::Followed { tracks: &tracks, owners: &owners, clouds, times_s, cell_m, exposure_s }.separated();
     if !apart.tracks.is_empty() {
         apart.chained(&mut chains, &mut found);
         (tracks, owners) = centres::follow(&chains, &found, clouds, times_s, sizes, fall);

@@ -6,14 +6,14 @@ use erfgs_scene::{
 };
 
 use super::{
-    super::{Seen, alone::Alone},
+    super::{BoardDetections, alone::Alone},
     Calibrated,
     warnings::{coverage_warnings, focal_warning},
 };
 use crate::evidence::Evidence;
 
 /// Each camera as it is by itself: no poses.
-pub(super) fn by_themselves(seen: &[&Seen], alone: &[&Alone]) -> Calibrated {
+pub(super) fn by_themselves(seen: &[&BoardDetections], alone: &[&Alone]) -> Calibrated {
     let mut evidence = Evidence::default();
     let mut rig = RigFile::new("board", true, Vec::new());
     for (index, (seen, alone)) in seen.iter().zip(alone).enumerate() {
@@ -49,6 +49,6 @@ pub(super) fn by_themselves(seen: &[&Seen], alone: &[&Alone]) -> Calibrated {
     (rig, evidence)
 }
 
-pub(super) fn modality(seen: &Seen) -> Modality {
+pub(super) fn modality(seen: &BoardDetections) -> Modality {
     if seen.events { Modality::Event } else { Modality::Rgb }
 }

@@ -11,7 +11,7 @@ pub use self::options::BoardOptions;
 
 use self::{alone::by_themselves, options::check, together::together};
 use super::{
-    BoardError, Plate, Seen,
+    BoardDetections, BoardError, Plate,
     alone::Alone,
     back,
     joint::{Tied, sightings},
@@ -33,14 +33,14 @@ pub(super) type Calibrated = (RigFile, Evidence);
 /// If options fit nothing that was recorded, no camera or no two cameras see enough, or what the cameras say together
 /// contradicts what each of them says.
 pub fn calibrate(
-    seen: &[Seen],
+    seen: &[BoardDetections],
     plate: impl Into<Plate>,
     options: &BoardOptions,
     progress: &dyn Fn(usize, usize, &str),
 ) -> Result<Calibrated, BoardError> {
     let plate = &plate.into();
     check(seen, options)?;
-    let wanted: Vec<&Seen> = seen.iter().filter(|seen| !options.without.contains(&seen.camera)).collect();
+    let wanted: Vec<&BoardDetections> = seen.iter().filter(|seen| !options.without.contains(&seen.camera)).collect();
     let (mut cameras, mut failed) = (Vec::new(), Vec::new());
     for (index, seen) in wanted.iter().enumerate() {
         progress(index, wanted.len() + 1, &seen.camera);
@@ -57,7 +57,8 @@ pub fn calibrate(
         return Err(failed.remove(0));
     }
     let left_out: Vec<String> = failed.iter().map(|error| format!("left out: {error}")).collect();
-    let (seen, alone): (Vec<&Seen>, Vec<&Alone>) = cameras.iter().map(|(seen, alone)| (*seen, alone)).unzip();
+    let (seen, alone): (Vec<&BoardDetections>, Vec<&Alone>) =
+        cameras.iter().map(|(seen, alone)| (*seen, alone)).unzip();
     if options.intrinsics_only || seen.len() < 2 {
         let (mut rig, evidence) = by_themselves(&seen, &alone);
         rig.warnings.splice(0..0, left_out);
@@ -89,7 +90,7 @@ pub fn calibrate(
 /// Cameras each of which was solved by itself.
 #[derive(Clone, Copy)]
 pub(super) struct Several<'a> {
-    pub seen: &'a [&'a Seen],
+    pub seen: &'a [&'a BoardDetections],
     pub alone: &'a [&'a Alone],
     pub plate: &'a Plate,
 }
@@ -170,7 +171,7 @@ fn seen_by(all: &[Sightings], linked: &Linked, face: Face) -> Vec<usize> {
 
 /// The cameras of the chain with poses, and the others without.
 fn with_poses(
-    seen: &[&Seen],
+    seen: &[&BoardDetections],
     alone: &[&Alone],
     plate: &Plate,
     linked: &Linked,
@@ -180,7 +181,7 @@ fn with_poses(
     let is_tied = |index: &usize| chain.cameras.contains(index);
     let boards: Vec<_> = chain.cameras.iter().map(|index| boards[*index].clone()).collect();
     let apart: Vec<usize> = (0..seen.len()).filter(|index| !is_tied(index)).collect();
-    let pick = |indices: &[usize]| -> (Vec<&Seen>, Vec<&Alone>) {
+    let pick = |indices: &[usize]| -> (Vec<&BoardDetections>, Vec<&Alone>) {
         indices.iter().map(|index| (seen[*index], alone[*index])).unzip()
     };
     let ((seen, alone), (lone_seen, lone)) = (pick(&chain.cameras), pick(&apart));

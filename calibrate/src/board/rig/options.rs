@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use erfgs_scene::Intrinsics;
 
-use super::super::{BoardError, LensModel, Seen};
+use super::super::{BoardDetections, BoardError, LensModel};
 use crate::bundle::Parameter;
 
 /// How a board calibration is done.
@@ -45,7 +45,7 @@ impl BoardOptions {
 const THICKEST_M: f64 = 0.2;
 
 /// Refuses options that fit nothing of what was recorded.
-pub(super) fn check(seen: &[Seen], options: &BoardOptions) -> Result<(), BoardError> {
+pub(super) fn check(seen: &[BoardDetections], options: &BoardOptions) -> Result<(), BoardError> {
     let names = || seen.iter().map(|seen| seen.camera.clone()).collect::<Vec<_>>();
     if let Some(thickness_m) = options.back_thickness_m.filter(|metres| !(0.0..=THICKEST_M).contains(metres)) {
         return Err(BoardError::Thickness { thickness_m });

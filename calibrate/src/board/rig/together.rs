@@ -7,7 +7,7 @@ use erfgs_scene::{Modality, rig_file::Sigma};
 use super::{
     super::{
         BoardError, Plate,
-        back::Told,
+        back::BackPose,
         doubt::Doubts,
         joint::{self, Joint, Tied, has_times},
         origin,
@@ -85,7 +85,7 @@ pub(super) fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Outcome
     };
     let Solved { joint, uncertainty, doubts } = solved;
     let free = joint.bundle.sides.first().zip(uncertainty.sides.first()).filter(|(side, _)| side.free);
-    let told = free.and_then(|(side, known)| Told::of(plate, side, known));
+    let told = free.and_then(|(side, known)| BackPose::of(plate, side, known));
     if let Some(told) = told.as_ref().filter(|told| told.vagueness() > 1.0) {
         return Ok(Outcome::BackOpen(told.uncertainty()));
     }
@@ -108,7 +108,7 @@ pub(super) fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Outcome
     rig.warnings = doubts.sentences();
     rig.warnings.extend(notes);
     rig.warnings.extend(scattered(&joint));
-    rig.warnings.extend(told.as_ref().and_then(Told::warning));
+    rig.warnings.extend(told.as_ref().and_then(BackPose::warning));
     rig.warnings.extend(as_stated(&tied, options));
     for ((camera, one), seen) in rig.cameras.iter_mut().zip(alone).zip(seen) {
         camera.warnings = coverage_warnings(seen);
@@ -131,11 +131,11 @@ pub(super) fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Outcome
     }
     evidence.observe(&joint.bundle);
     evidence.outlines = outlines(&joint, plate);
-    evidence.tables.extend(told.as_ref().map(Told::table));
+    evidence.tables.extend(told.as_ref().map(BackPose::table));
     evidence.moments = joint.moments;
     if let Some(quality) = &mut rig.quality {
         quality.measures.insert("instants".into(), evidence.moments.len() as f64);
-        quality.measures.extend(told.iter().flat_map(Told::measures));
+        quality.measures.extend(told.iter().flat_map(BackPose::measures));
     }
     Ok(Outcome::Rig(Box::new(Fitted { calibrated: (rig, evidence), doubtful })))
 }

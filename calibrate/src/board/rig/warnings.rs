@@ -4,7 +4,7 @@ use erfgs_scene::rig_file::RigCamera;
 
 use super::{
     super::{
-        Seen,
+        BoardDetections,
         joint::{Joint, Tied},
     },
     BoardOptions,
@@ -53,7 +53,7 @@ pub(super) fn focal_warning(camera: &RigCamera) -> Option<String> {
 }
 
 /// What a camera's views lack.
-pub(super) fn coverage_warnings(seen: &Seen) -> Vec<String> {
+pub(super) fn coverage_warnings(seen: &BoardDetections) -> Vec<String> {
     const GRID: usize = 4;
     let mut coverage = Coverage::new(seen.size, [GRID; 2]);
     seen.views.iter().flat_map(|view| &view.corners).for_each(|corner| coverage.see(corner.pixel));

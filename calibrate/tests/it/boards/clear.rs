@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use erfgs_base::random;
-use erfgs_calibrate::board::{BoardError, BoardOptions, LensModel, Plate, Seen, Target, calibrate, look};
+use erfgs_calibrate::board::{BoardDetections, BoardError, BoardOptions, LensModel, Plate, Target, calibrate, look};
 use erfgs_scene::{Distortion, Intrinsics, Pose};
 use glam::DVec3;
 
@@ -46,7 +46,7 @@ fn film(folder: &Path) {
     }
 }
 
-fn solve(seen: &[Seen], plate: &Plate) -> Result<erfgs_scene::rig_file::RigFile, BoardError> {
+fn solve(seen: &[BoardDetections], plate: &Plate) -> Result<erfgs_scene::rig_file::RigFile, BoardError> {
     let known = (0..4).map(|number| (format!("cam{number}"), LENS)).collect();
     let options = BoardOptions { model: LensModel::Pinhole, known, ..BoardOptions::default() };
     calibrate(seen, plate, &options, &|_, _, _| {}).map(|(rig, _)| rig)

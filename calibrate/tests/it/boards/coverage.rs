@@ -2,7 +2,7 @@
 
 use erfgs_base::random;
 use erfgs_calibrate::{
-    board::{BoardOptions, BoardView, Corner, LensModel, Seen, Target, calibrate, look, single},
+    board::{BoardDetections, BoardOptions, BoardView, Corner, LensModel, Target, calibrate, look, single},
     bundle::Loss,
 };
 use erfgs_scene::{Distortion, Intrinsics, Pose, rig_file::RigFile};
@@ -15,7 +15,7 @@ const LENS: Intrinsics =
     Intrinsics { width: 640, height: 480, fx: 600.0, fy: 600.0, cx: 322.0, cy: 238.0, distortion: Distortion::None };
 
 /// Twenty views of a board that is bent by up to 2 mm, another way in each view: an error that all corners of a view share.
-fn bent(seed: u64) -> (Seen, Target) {
+fn bent(seed: u64) -> (BoardDetections, Target) {
     let board: Target = "chessboard:8x5:0.03".parse().unwrap();
     let view = |number: u64| {
         let draw = |of: u64, from, to| random::range(random::key(seed, &[number, of]), from, to);
@@ -34,7 +34,7 @@ fn bent(seed: u64) -> (Seen, Target) {
         BoardView { instant: number.to_string(), time_s: None, file: "drawn".into(), frame: 0, corners }
     };
     let views = (0..20).map(view).collect();
-    (Seen { camera: "a".into(), size: [640, 480], frames: 20, views, ..Seen::default() }, board)
+    (BoardDetections { camera: "a".into(), size: [640, 480], frames: 20, views, ..BoardDetections::default() }, board)
 }
 
 #[test]
@@ -69,11 +69,11 @@ fn halves_of_a_recording_agree_within_their_deviations() {
     let seen = look(&folder(), &target(), None, &|_, _| {}).unwrap();
     let options = BoardOptions { model: LensModel::Brown4, ..BoardOptions::default() };
     let half = |odd: usize| -> RigFile {
-        let part = |seen: &Seen| Seen {
+        let part = |seen: &BoardDetections| BoardDetections {
             views: seen.views.iter().enumerate().filter(|(n, _)| n % 2 == odd).map(|(_, view)| view.clone()).collect(),
             ..seen.clone()
         };
-        let seen: Vec<Seen> = seen.iter().map(part).collect();
+        let seen: Vec<BoardDetections> = seen.iter().map(part).collect();
         calibrate(&seen, &target(), &options, &|_, _, _| {}).unwrap().0
     };
     let differences = differences(&half(0), &half(1));

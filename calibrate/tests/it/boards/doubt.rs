@@ -3,7 +3,9 @@
 use std::collections::BTreeSet;
 
 use erfgs_base::random;
-use erfgs_calibrate::board::{BoardError, BoardOptions, BoardView, Corner, LensModel, Seen, Target, calibrate};
+use erfgs_calibrate::board::{
+    BoardDetections, BoardError, BoardOptions, BoardView, Corner, LensModel, Target, calibrate,
+};
 use erfgs_scene::{Distortion, Intrinsics, Pose, rig_file::RigFile};
 use glam::{DQuat, DVec2, DVec3};
 
@@ -30,7 +32,7 @@ fn waved(t: f64, film: f64) -> Pose {
 }
 
 /// What a camera at `angle` sees, ten times a second, `late` seconds after it says so; corners are off by 0.2 px.
-fn seen(name: &str, angle: f64, late: f64, film: f64) -> Seen {
+fn seen(name: &str, angle: f64, late: f64, film: f64) -> BoardDetections {
     let view = |number: u32| {
         let time = 0.1 * f64::from(number);
         let board_at = waved(time + late, film);
@@ -43,10 +45,16 @@ fn seen(name: &str, angle: f64, late: f64, film: f64) -> Seen {
         let corners = (0..40).map(corner).collect();
         BoardView { instant: number.to_string(), time_s: Some(time), file: "drawn".into(), frame: 0, corners }
     };
-    Seen { camera: name.into(), size: [640, 480], frames: 40, views: (0..40).map(view).collect(), ..Seen::default() }
+    BoardDetections {
+        camera: name.into(),
+        size: [640, 480],
+        frames: 40,
+        views: (0..40).map(view).collect(),
+        ..BoardDetections::default()
+    }
 }
 
-fn without_times(mut seen: Vec<Seen>) -> Vec<Seen> {
+fn without_times(mut seen: Vec<BoardDetections>) -> Vec<BoardDetections> {
     seen.iter_mut().flat_map(|seen| &mut seen.views).for_each(|view| view.time_s = None);
     seen
 }
@@ -55,7 +63,7 @@ fn options() -> BoardOptions {
     BoardOptions { model: LensModel::Pinhole, ..BoardOptions::default() }
 }
 
-fn solve(seen: &[Seen], options: &BoardOptions) -> Result<RigFile, BoardError> {
+fn solve(seen: &[BoardDetections], options: &BoardOptions) -> Result<RigFile, BoardError> {
     calibrate(seen, &board(), options, &|_, _, _| {}).map(|(rig, _)| rig)
 }
 

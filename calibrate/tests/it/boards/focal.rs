@@ -1,7 +1,9 @@
 //! Whether views of a board determine a focal length, and what is said where they do not.
 
 use erfgs_base::random;
-use erfgs_calibrate::board::{BoardError, BoardOptions, BoardView, Corner, LensModel, Seen, Target, calibrate, single};
+use erfgs_calibrate::board::{
+    BoardDetections, BoardError, BoardOptions, BoardView, Corner, LensModel, Target, calibrate, single,
+};
 use erfgs_scene::{Distortion, Intrinsics, Pose};
 use glam::{DQuat, DVec2, DVec3};
 
@@ -14,7 +16,7 @@ fn camera() -> Intrinsics {
 }
 
 /// What the camera sees of boards at `places` (middle, turn about its axes in radians), off by 0.3 px.
-fn seen(name: &str, places: &[(DVec3, DVec3)], seed: u64) -> Seen {
+fn seen(name: &str, places: &[(DVec3, DVec3)], seed: u64) -> BoardDetections {
     let view = |(number, (at, turn)): (usize, &(DVec3, DVec3))| {
         let rotation = DQuat::from_scaled_axis(*turn);
         let pose = Pose { rotation, translation: *at - rotation * DVec3::new(3.5, 2.0, 0.0) * 0.025 };
@@ -27,7 +29,14 @@ fn seen(name: &str, places: &[(DVec3, DVec3)], seed: u64) -> Seen {
         BoardView { instant: number.to_string(), time_s: None, file: "drawn".into(), frame: 0, corners }
     };
     let views = places.iter().enumerate().map(view).collect();
-    Seen { camera: name.into(), events: false, size: [320, 240], frames: places.len(), views, ..Seen::default() }
+    BoardDetections {
+        camera: name.into(),
+        events: false,
+        size: [320, 240],
+        frames: places.len(),
+        views,
+        ..BoardDetections::default()
+    }
 }
 
 /// A board that slides along its rows at one distance, and tilts by up to `tilt` radians about both axes.

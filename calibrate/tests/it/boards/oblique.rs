@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use erfgs_base::random;
-use erfgs_calibrate::board::{BoardView, LensModel, Seen, Target, detect, single};
+use erfgs_calibrate::board::{BoardDetections, BoardView, LensModel, Target, detect, single};
 use erfgs_scene::{Distortion, ImageRgb8, Intrinsics, Pose};
 use glam::{DQuat, DVec2, DVec3};
 
@@ -97,7 +97,8 @@ fn a_camera_that_sees_a_board_from_the_side_alone_is_within_its_deviations() {
         };
         let views: Vec<BoardView> = (0..15).map(view).filter(|view| !view.corners.is_empty()).collect();
         let corners: usize = views.iter().map(|view| view.corners.len()).sum();
-        let seen = Seen { camera: "side".into(), size: SIZE, frames: 15, views, ..Seen::default() };
+        let seen =
+            BoardDetections { camera: "side".into(), size: SIZE, frames: 15, views, ..BoardDetections::default() };
         let found = single(&seen, &target, LensModel::Brown4, false).unwrap();
         let (i, sigma) = (found.bundle.cameras[0].intrinsics, &found.uncertainty.cameras[0].sigma);
         let off = [i.fx - truth.fx, i.fy - truth.fy, i.cx - truth.cx, i.cy - truth.cy];

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use erfgs_base::random;
-use erfgs_calibrate::board::{BoardError, BoardOptions, BoardView, Corner, LensModel, Seen, Target, calibrate};
+use erfgs_calibrate::board::{
+    BoardDetections, BoardError, BoardOptions, BoardView, Corner, LensModel, Target, calibrate,
+};
 use erfgs_scene::{Distortion, Intrinsics, Pose, rig_file::RigFile};
 use glam::{DQuat, DVec2, DVec3};
 
@@ -44,7 +46,7 @@ impl Sequence {
         Pose { rotation, translation: at - rotation * DVec3::new(0.1, 0.075, 0.0) }
     }
 
-    fn seen(&self) -> Vec<Seen> {
+    fn seen(&self) -> Vec<BoardDetections> {
         let of_camera = |camera: usize| {
             let view = |number: u64| {
                 let drawn = |of: u64| random::key(self.seed, &[1000 + camera as u64, number, of]);
@@ -62,7 +64,13 @@ impl Sequence {
                 BoardView { instant: number.to_string(), time_s: Some(time_s), file, frame: number, corners }
             };
             let (camera, views) = (NAMES[camera].into(), (0..self.frames).map(view).collect());
-            Seen { camera, size: [640, 480], frames: self.frames as usize, views, ..Seen::default() }
+            BoardDetections {
+                camera,
+                size: [640, 480],
+                frames: self.frames as usize,
+                views,
+                ..BoardDetections::default()
+            }
         };
         (0..3).map(of_camera).collect()
     }

@@ -3,7 +3,7 @@
 use erfgs_base::random;
 use erfgs_calibrate::{
     board::{
-        BoardError, BoardOptions, BoardView, Corner, Face, LensModel, Plate, Seen, Target, calibrate, look,
+        BoardDetections, BoardError, BoardOptions, BoardView, Corner, Face, LensModel, Plate, Target, calibrate, look,
         look_session, pictures,
     },
     evidence::Evidence,
@@ -96,7 +96,14 @@ fn vector(seed: u64, index: u64, scale: f64) -> DVec3 {
 }
 
 /// What cameras on a ring see at `count` instants of a plate that is held as `turn` says; corners are off by 0.15 px.
-fn seen(plate: &Plate, glued: Glued, angles: &[f64], seed: u64, count: u64, turn: &dyn Fn(u64) -> DVec3) -> Vec<Seen> {
+fn seen(
+    plate: &Plate,
+    glued: Glued,
+    angles: &[f64],
+    seed: u64,
+    count: u64,
+    turn: &dyn Fn(u64) -> DVec3,
+) -> Vec<BoardDetections> {
     noisy(plate, glued, angles, seed, count, turn, 0.15)
 }
 
@@ -109,7 +116,7 @@ fn noisy(
     count: u64,
     turn: &dyn Fn(u64) -> DVec3,
     noise_px: f64,
-) -> Vec<Seen> {
+) -> Vec<BoardDetections> {
     let ids = |face: Face| (0..).map_while(|id| Some((id, plate.point(id)?))).filter(move |(_, (of, _))| *of == face);
     let view = |camera: u64, angle: f64, instant: u64| {
         let held = held(plate, vector(seed, 2 * instant, 0.12), turn(instant));
@@ -125,12 +132,12 @@ fn noisy(
         let view = BoardView { instant: instant.to_string(), time_s: None, file: "drawn".into(), frame: 0, corners };
         (!edge_on).then_some(view)
     };
-    let of = |(number, &angle): (usize, &f64)| Seen {
+    let of = |(number, &angle): (usize, &f64)| BoardDetections {
         camera: format!("cam{number}"),
         size: [LENS.width, LENS.height],
         frames: count as usize,
         views: (0..count).filter_map(|instant| view(number as u64, angle, instant)).collect(),
-        ..Seen::default()
+        ..BoardDetections::default()
     };
     angles.iter().enumerate().map(of).collect()
 }
@@ -145,7 +152,7 @@ fn given(cameras: usize) -> BoardOptions {
     BoardOptions { known, ..options() }
 }
 
-fn solve(seen: &[Seen], plate: &Plate, options: &BoardOptions) -> Result<(RigFile, Evidence), BoardError> {
+fn solve(seen: &[BoardDetections], plate: &Plate, options: &BoardOptions) -> Result<(RigFile, Evidence), BoardError> {
     calibrate(seen, plate, options, &|_, _, _| {})
 }
 
@@ -220,7 +227,7 @@ fn cameras_that_see_one_side_each_are_tied_by_how_the_plate_turns() {
     let (plate, angles) = (plate(), [-25.0, 25.0, 155.0, 205.0]);
     let turn = |instant: u64| vector(5, 2 * instant + 1, 0.5);
     let seen = seen(&plate, ASKEW, &angles, 5, 40, &turn);
-    let faces = |seen: &Seen| {
+    let faces = |seen: &BoardDetections| {
         let back = seen.views.iter().filter(|view| matches!(plate.point(view.corners[0].id), Some((Face::Back, _))));
         (back.count(), seen.views.len())
     };

@@ -1,6 +1,6 @@
 use std::{collections::BTreeMap, path::Path, sync::OnceLock};
 
-use erfgs_calibrate::board::{BoardOptions, BoardView, Corner, Seen, Target, calibrate, look};
+use erfgs_calibrate::board::{BoardDetections, BoardOptions, BoardView, Corner, Target, calibrate, look};
 use erfgs_recordings::shared;
 use erfgs_scene::{
     Distortion, Intrinsics, Pose,
@@ -34,7 +34,7 @@ fn reference(file: &Path) -> BTreeMap<String, (Intrinsics, Pose)> {
 }
 
 /// The corners that the reference was computed from, as views.
-fn their_corners(file: &Path) -> Vec<Seen> {
+fn their_corners(file: &Path) -> Vec<BoardDetections> {
     let text = std::fs::read_to_string(file).unwrap();
     let mut views: BTreeMap<(String, u32), Vec<Corner>> = BTreeMap::new();
     for line in text.lines().skip(1) {
@@ -50,20 +50,20 @@ fn their_corners(file: &Path) -> Vec<Seen> {
         let view = BoardView { instant: instant.to_string(), time_s: None, file: file.into(), frame: 0, corners };
         cameras.entry(camera).or_default().push(view);
     }
-    let seen = |(camera, views): (String, Vec<BoardView>)| Seen {
+    let seen = |(camera, views): (String, Vec<BoardView>)| BoardDetections {
         camera,
         events: false,
         size: [1280, 720],
         frames: 57,
         views,
-        ..Seen::default()
+        ..BoardDetections::default()
     };
     cameras.into_iter().map(seen).collect()
 }
 
 /// The board, and the videos in which it was found, by whichever test comes first.
-fn watched(source: &Path) -> &'static (Target, Vec<Seen>) {
-    static WATCHED: OnceLock<(Target, Vec<Seen>)> = OnceLock::new();
+fn watched(source: &Path) -> &'static (Target, Vec<BoardDetections>) {
+    static WATCHED: OnceLock<(Target, Vec<BoardDetections>)> = OnceLock::new();
     WATCHED.get_or_init(|| {
         let target: Target = "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted".parse().unwrap();
         let videos = look(&source.join("calibration/extrinsic"), &target, None, &|_, _| {}).unwrap();
@@ -162,11 +162,11 @@ fn parts_of_a_recording_by_free_running_webcams_agree_within_their_deviations() 
     let known = reference.iter().map(|(name, (intrinsics, _))| (name.clone(), *intrinsics)).collect();
     let options = BoardOptions { known, time_offsets: true, ..BoardOptions::default() };
     let of = |wanted: &dyn Fn(usize) -> bool| {
-        let part = |seen: &Seen| {
+        let part = |seen: &BoardDetections| {
             let views = seen.views.iter().filter(|view| wanted(view.instant.parse().unwrap()));
-            Seen { views: views.cloned().collect(), ..seen.clone() }
+            BoardDetections { views: views.cloned().collect(), ..seen.clone() }
         };
-        let part: Vec<Seen> = videos.iter().map(part).collect();
+        let part: Vec<BoardDetections> = videos.iter().map(part).collect();
         calibrate(&part, target, &options, &|_, _, _| {}).unwrap().0
     };
     // Of instants 35 to 91, every other; every other of 8 and of 4 stretches; the first half and the second. In these the board was

@@ -258,7 +258,7 @@ async fn read(State(site): Shared, Json(WasRead { number }): Json<WasRead>) -> R
 }
 
 async fn knobs(State(site): Shared, Path(id): Path<String>) -> Response {
-    told(blocking(move || site.recorder.knobs(&id)).await)
+    answered(blocking(move || site.recorder.knobs(&id)).await)
 }
 
 #[derive(Deserialize)]
@@ -269,7 +269,7 @@ struct Adjust {
 }
 
 async fn adjust(State(site): Shared, Json(Adjust { stream, changed }): Json<Adjust>) -> Response {
-    told(blocking(move || site.recorder.adjust(&stream, &changed)).await)
+    answered(blocking(move || site.recorder.adjust(&stream, &changed)).await)
 }
 
 #[derive(Deserialize)]
@@ -279,10 +279,10 @@ struct KeepSettings {
 }
 
 async fn keep_settings(State(site): Shared, Json(KeepSettings { stream }): Json<KeepSettings>) -> Response {
-    told(blocking(move || site.recorder.keep_settings(&stream)).await)
+    answered(blocking(move || site.recorder.keep_settings(&stream)).await)
 }
 
-fn told<T: Serialize>(answer: Option<Result<T, AdjustError>>) -> Response {
+fn answered<T: Serialize>(answer: Option<Result<T, AdjustError>>) -> Response {
     match answer {
         Some(Ok(answer)) => Json(answer).into_response(),
         Some(Err(error @ AdjustError::Unknown(_))) => refuse(StatusCode::NOT_FOUND, &error.to_string()),

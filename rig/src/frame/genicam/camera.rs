@@ -43,11 +43,11 @@ pub(super) struct Ready<D: Device> {
 pub(super) struct State<D> {
     pub stopping: AtomicBool,
     pub counters: Mutex<Counters>,
-    pub seen: Mutex<Seen<D>>,
+    pub seen: Mutex<Readings<D>>,
 }
 
 /// What the thread of the stream has seen, for readings.
-pub(super) struct Seen<D> {
+pub(super) struct Readings<D> {
     pub counts: Vec<(&'static str, u64)>,
     pub chunks: Vec<(u32, Bytes)>,
     pub device: Option<Arc<Mutex<D>>>,
@@ -63,8 +63,8 @@ impl<D: Device> Ready<D> {
         lock(&self.device).begin(&mut self.intake)
     }
 
-    fn seen(&self) -> Seen<D> {
-        Seen { counts: Vec::new(), chunks: Vec::new(), device: Some(Arc::clone(&self.device)) }
+    fn seen(&self) -> Readings<D> {
+        Readings { counts: Vec::new(), chunks: Vec::new(), device: Some(Arc::clone(&self.device)) }
     }
 }
 

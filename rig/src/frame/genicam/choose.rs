@@ -12,7 +12,7 @@ pub trait Named {
     /// Its names, the surest first.
     fn names(&self) -> [String; 5];
     /// What it is, for people.
-    fn told(&self) -> String;
+    fn description(&self) -> String;
 }
 
 /// The one that is meant; empty: the only one.
@@ -20,7 +20,7 @@ pub trait Named {
 /// # Errors
 /// If there is none, or there are several.
 pub fn choose<T: Named>(id: &str, wanted: &str, mut found: Vec<T>) -> Result<T, FrameError> {
-    let list: Vec<String> = found.iter().map(T::told).collect();
+    let list: Vec<String> = found.iter().map(T::description).collect();
     let list = if list.is_empty() { "none".to_owned() } else { list.join("; ") };
     let fail = |problem: String| FrameError::Find { id: id.to_owned(), problem, found: list.clone() };
     for kind in 0..5 {

@@ -27,10 +27,10 @@ const LEADERS_ALONE: u32 = 3;
 /// If the networks cannot be searched.
 pub fn list(addresses: &[Ipv4Addr]) -> Result<Vec<FoundCamera>, FrameError> {
     let found = gige::find(addresses).map_err(|error| FrameError::List { reason: error.to_string() })?;
-    Ok(found.iter().map(told).collect())
+    Ok(found.iter().map(listed).collect())
 }
 
-fn told(found: &Found) -> FoundCamera {
+fn listed(found: &Found) -> FoundCamera {
     let identity = &found.identity;
     let named = if identity.name.is_empty() { String::new() } else { format!(" \"{}\"", identity.name) };
     FoundCamera {
@@ -79,7 +79,7 @@ impl Named for Found {
         [identity.serial.clone(), address, mac, identity.name.clone(), identity.label()]
     }
 
-    fn told(&self) -> String {
+    fn description(&self) -> String {
         let identity = &self.identity;
         format!("{} (serial {}, at {})", identity.label(), identity.serial, identity.address)
     }

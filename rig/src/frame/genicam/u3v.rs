@@ -35,10 +35,10 @@ pub fn list() -> Result<Vec<FoundCamera>, FrameError> {
 /// If it does not list its devices.
 pub fn list_on(bus: &dyn Bus) -> Result<Vec<FoundCamera>, FrameError> {
     let found = u3v::find(bus).map_err(|error| FrameError::List { reason: error.to_string() })?;
-    Ok(found.iter().map(told).collect())
+    Ok(found.iter().map(listed).collect())
 }
 
-fn told(found: &Found) -> FoundCamera {
+fn listed(found: &Found) -> FoundCamera {
     let named = if found.name.is_empty() { String::new() } else { format!(" \"{}\"", found.name) };
     FoundCamera {
         name: format!("{}{named}", found.label()),
@@ -81,7 +81,7 @@ impl Named for Found {
         [self.serial.clone(), self.identity.port.clone(), self.name.clone(), self.label(), id]
     }
 
-    fn told(&self) -> String {
+    fn description(&self) -> String {
         format!("{} (serial {}, at {})", self.label(), self.serial, self.identity.port)
     }
 }

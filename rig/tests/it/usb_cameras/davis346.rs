@@ -85,10 +85,10 @@ fn a_halted_endpoint_is_cleared_and_the_gap_marked() {
     let mut source = open(&bus, Davis346Config { timestamps: Timestamps::Keep, ..events_only() }).unwrap();
     let bucket = Arc::new(Bucket::default());
     source.start(bucket.clone()).unwrap();
-    bucket.wait_until("a warning", |bucket| !bucket.told().is_empty());
+    bucket.wait_until("a warning", |bucket| !bucket.incidents().is_empty());
     bucket.wait_for_bytes(100_000);
     source.stop().unwrap();
-    assert!(matches!(&bucket.told()[..], [Incident::Warning { message }] if message.contains("halted")));
+    assert!(matches!(&bucket.incidents()[..], [Incident::Warning { message }] if message.contains("halted")));
     assert_eq!(bucket.packets.lock().unwrap().iter().filter(|packet| packet.discontinuity).count(), 1);
 }
 
@@ -101,14 +101,14 @@ fn a_camera_that_is_plugged_in_again_gets_its_configuration_back() {
     source.start(bucket.clone()).unwrap();
     bucket.wait_for_bytes(20_000);
     camera.lock().unwrap().unplug();
-    bucket.wait_until("the loss", |bucket| !bucket.told().is_empty());
+    bucket.wait_until("the loss", |bucket| !bucket.incidents().is_empty());
     camera.lock().unwrap().plug();
-    bucket.wait_until("the return", |bucket| bucket.told().contains(&Incident::Back));
+    bucket.wait_until("the return", |bucket| bucket.incidents().contains(&Incident::Back));
     bucket.wait_for_bytes(20_000);
     source.stop().unwrap();
     assert_eq!(parameter(&camera, 5, 11), 15 | 132 << 4 | 5 << 12);
     assert_eq!(source.counters().reconnections, 1);
-    assert!(matches!(&bucket.told()[..], [Incident::Lost { .. }, Incident::Back]), "{:?}", bucket.told());
+    assert!(matches!(&bucket.incidents()[..], [Incident::Lost { .. }, Incident::Back]), "{:?}", bucket.incidents());
     assert_eq!(bucket.packets.lock().unwrap().iter().filter(|packet| packet.discontinuity).count(), 1);
 }
 
@@ -183,7 +183,7 @@ fn a_camera_at_high_speed_is_listed_and_started_with_advice() {
     let mut source = open(&bus, events_only()).unwrap();
     let bucket = Arc::new(Bucket::default());
     source.start(bucket.clone()).unwrap();
-    assert!(matches!(&bucket.told()[..], [Incident::Warning { message }] if message.contains("480 Mbit/s")));
+    assert!(matches!(&bucket.incidents()[..], [Incident::Warning { message }] if message.contains("480 Mbit/s")));
 }
 
 #[test]

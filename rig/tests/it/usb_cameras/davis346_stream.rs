@@ -85,7 +85,7 @@ fn every_byte_and_every_event_arrives() {
     assert_eq!(ledger.lock().sessions[0][&STREAM].bytes, bucket.bytes().len() as u64);
     assert_eq!(source.counters().bytes, bucket.bytes().len() as u64);
     let runs = decode(&bucket);
-    assert_eq!((runs.len(), bucket.told()), (1, Vec::new()));
+    assert_eq!((runs.len(), bucket.incidents()), (1, Vec::new()));
     assert_complete(&runs[0]);
 }
 

@@ -68,7 +68,7 @@ fn every_byte_and_every_event_arrives_in_both_formats() {
         assert_eq!(runs.len(), 1);
         assert!(runs[0].events.len() > 50_000, "{} events", runs[0].events.len());
         assert_complete(&runs[0]);
-        assert_eq!(bucket.told(), []);
+        assert_eq!(bucket.incidents(), []);
     }
 }
 
@@ -127,11 +127,11 @@ fn a_halted_endpoint_is_cleared_and_the_gap_marked() {
     let mut source = open(&bus, Evk4Config::default()).unwrap();
     let bucket = Arc::new(Bucket::default());
     source.start(bucket.clone()).unwrap();
-    bucket.wait_until("a warning", |bucket| !bucket.told().is_empty());
+    bucket.wait_until("a warning", |bucket| !bucket.incidents().is_empty());
     bucket.wait_for_bytes(50_000);
     source.stop().unwrap();
     assert_eq!(faults(&camera), 1);
-    assert!(matches!(&bucket.told()[..], [Incident::Warning { message }] if message.contains("halted")));
+    assert!(matches!(&bucket.incidents()[..], [Incident::Warning { message }] if message.contains("halted")));
     assert_eq!((source.counters().errors, source.counters().reconnections), (1, 0));
     let runs = decode(&bucket, EventEncoding::Evt3);
     assert_eq!(runs.len(), 2);
@@ -154,7 +154,7 @@ fn transfers_cut_at_any_byte_lose_nothing() {
     bucket.wait_for_bytes(20_000);
     source.stop().unwrap();
     let runs = decode(&bucket, EventEncoding::Evt3);
-    assert_eq!((runs.len(), bucket.told().len()), (1, 0));
+    assert_eq!((runs.len(), bucket.incidents().len()), (1, 0));
     assert_complete(&runs[0]);
 }
 
@@ -194,14 +194,14 @@ fn a_camera_that_is_plugged_in_again_gets_its_configuration_back() {
     source.start(bucket.clone()).unwrap();
     bucket.wait_for_bytes(50_000);
     camera.lock().unwrap().unplug();
-    bucket.wait_until("the loss", |bucket| !bucket.told().is_empty());
+    bucket.wait_until("the loss", |bucket| !bucket.incidents().is_empty());
     camera.lock().unwrap().plug();
     assert_ne!(register(&camera, 0x1010) & 0xFF, 0x69 + 20, "a fresh camera has its trim");
-    bucket.wait_until("the return", |bucket| bucket.told().contains(&Incident::Back));
+    bucket.wait_until("the return", |bucket| bucket.incidents().contains(&Incident::Back));
     bucket.wait_for_bytes(50_000);
     source.stop().unwrap();
     assert_eq!(register(&camera, 0x1010), 0x11A1_0000 | (0x69 + 20));
-    let told = bucket.told();
+    let told = bucket.incidents();
     assert!(
         matches!(&told[..], [Incident::Lost { reason }, Incident::Back] if reason.contains("00051234")),
         "{told:?}"
@@ -226,12 +226,12 @@ fn another_camera_of_the_model_is_not_taken_for_the_lost_one() {
     bucket.wait_for_bytes(10_000);
     camera.lock().unwrap().unplug();
     bus.add(Arc::new(Mutex::new(model(other))));
-    bucket.wait_until("the loss", |bucket| !bucket.told().is_empty());
+    bucket.wait_until("the loss", |bucket| !bucket.incidents().is_empty());
     let looks = bus.looks.load(Ordering::SeqCst);
     bucket.wait_until("three more looks for the camera", |_| bus.looks.load(Ordering::SeqCst) >= looks + 3);
-    assert!(!bucket.told().contains(&Incident::Back));
+    assert!(!bucket.incidents().contains(&Incident::Back));
     camera.lock().unwrap().plug();
-    bucket.wait_until("the return", |bucket| bucket.told().contains(&Incident::Back));
+    bucket.wait_until("the return", |bucket| bucket.incidents().contains(&Incident::Back));
     source.stop().unwrap();
 }
 
@@ -242,7 +242,7 @@ fn a_source_that_is_stopped_while_its_camera_is_away_stops_and_starts_again_when
     let bucket = Arc::new(Bucket::default());
     source.start(bucket.clone()).unwrap();
     camera.lock().unwrap().unplug();
-    bucket.wait_until("the loss", |bucket| !bucket.told().is_empty());
+    bucket.wait_until("the loss", |bucket| !bucket.incidents().is_empty());
     source.stop().unwrap();
     let error = source.start(bucket.clone()).unwrap_err().to_string();
     assert!(error.contains("00051234") && error.contains("found"), "{error}");
@@ -333,7 +333,7 @@ fn refused_memory_is_told_with_advice() {
     bus.grants.store(5, Ordering::SeqCst);
     let mut source = open(&bus, Evk4Config::default()).unwrap();
     let bucket = record(&mut source, 10_000);
-    let told = bucket.told();
+    let told = bucket.incidents();
     assert!(
         told.iter().any(|it| matches!(it, Incident::Warning { message }
             if message.contains("5 of") && message.contains("usbfs_memory_mb"))),

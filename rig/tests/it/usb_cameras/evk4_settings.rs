@@ -141,9 +141,9 @@ fn a_camera_that_comes_back_has_the_settings_that_were_changed() {
     bucket.wait_for_bytes(10_000);
     source.adjust(serde_json::json!({ "biases": { "diff_off": -7 } }).as_object().unwrap()).unwrap();
     camera.lock().unwrap().unplug();
-    bucket.wait_until("the loss", |bucket| !bucket.told().is_empty());
+    bucket.wait_until("the loss", |bucket| !bucket.incidents().is_empty());
     camera.lock().unwrap().plug();
-    bucket.wait_until("the return", |bucket| bucket.told().contains(&Incident::Back));
+    bucket.wait_until("the return", |bucket| bucket.incidents().contains(&Incident::Back));
     assert_eq!(register(&camera, 0x1018) & 0xFF, trimmed - 7);
     source.stop().unwrap();
 }

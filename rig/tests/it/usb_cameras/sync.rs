@@ -120,7 +120,7 @@ fn record(clock: &dyn Clock, mut source: impl Source) -> (Description, Vec<Packe
     let end = START_NS + (SECONDS - 1) * 1_000_000_000;
     bucket.wait_until("the end", |bucket| {
         // While the cable is out nothing else moves the clock.
-        if matches!(bucket.told().last(), Some(Incident::Lost { .. })) {
+        if matches!(bucket.incidents().last(), Some(Incident::Lost { .. })) {
             clock.pass(Duration::from_millis(1));
         }
         bucket.packets.lock().unwrap().last().is_some_and(|packet| packet.host_ns > end)

@@ -32,7 +32,7 @@ impl EventPictures {
 }
 
 /// The events of a stream so far, of which pictures are made.
-pub struct Seen {
+pub struct EventPictureStream {
     picture: EventPicture,
     options: EventPictures,
     /// What times are counted from, microseconds.
@@ -41,7 +41,7 @@ pub struct Seen {
     showed: Option<bool>,
 }
 
-impl Seen {
+impl EventPictureStream {
     /// `origin_us` is before all events.
     pub fn new(size: SensorSize, options: EventPictures, origin_us: i64) -> Self {
         Self { picture: EventPicture::new(size), options, origin_us, showed: None }
@@ -89,7 +89,7 @@ mod tests {
     fn a_picture_shows_the_events_of_its_span_and_black_ones_come_once() {
         let options = EventPictures { rate_hz: 100.0, span_ns: None };
         assert_eq!(options.period_ns(), 10_000_000);
-        let mut seen = Seen::new(SensorSize { width: 4, height: 1 }, options, -1000);
+        let mut seen = EventPictureStream::new(SensorSize { width: 4, height: 1 }, options, -1000);
         assert_eq!(seen.picture(0), None, "nothing was seen");
         let mut rows = EventRows::default();
         // The first may come at the very origin, and is a fall.

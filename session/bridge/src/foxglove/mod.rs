@@ -17,7 +17,7 @@ use erfgs_sync::reading::{Depth, FrameLook, Part, Slice, SliceOptions, Slices, T
 use rayon::prelude::*;
 
 pub use self::events::EventPictures;
-use self::{coded::Shown, events::Seen};
+use self::{coded::Shown, events::EventPictureStream};
 use crate::{
     BridgeError, Written,
     log::{Log, Schema},
@@ -123,7 +123,7 @@ struct Stream {
     images: String,
     events: String,
     offset_ns: i64,
-    seen: Option<Seen>,
+    seen: Option<EventPictureStream>,
     pictures: u32,
 }
 
@@ -165,7 +165,7 @@ impl<'a, W: std::io::Write> Writing<'a, W> {
             if size.is_none() && description.encoding.is_events() {
                 return Err(BridgeError::NoSize { id });
             }
-            let seen = size.map(|size| Seen::new(size, choice.events, origin_us));
+            let seen = size.map(|size| EventPictureStream::new(size, choice.events, origin_us));
             let (images, events) = (format!("/{id}/image"), format!("/{id}/events"));
             Ok(Stream { images, events, offset_ns: rig.offset_ns(&id), id, seen, pictures: 0 })
         };

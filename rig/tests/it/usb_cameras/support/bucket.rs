@@ -46,7 +46,7 @@ impl Bucket {
     }
 
     /// What was reported so far.
-    pub fn told(&self) -> Vec<Incident> {
+    pub fn incidents(&self) -> Vec<Incident> {
         lock(&self.incidents).clone()
     }
 
@@ -58,7 +58,7 @@ impl Bucket {
             }
             thread::sleep(Duration::from_millis(1));
         }
-        panic!("never happened: {what}; told: {:?}", self.told());
+        panic!("never happened: {what}; told: {:?}", self.incidents());
     }
 
     fn len(&self) -> usize {

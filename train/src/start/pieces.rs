@@ -52,7 +52,7 @@ pub fn pieces(bodies: Vec<Body>, options: &BodiesOptions, points: &[(Point, f64)
         if !options.bend.contains(&body.name) {
             return vec![Piece::whole(body.clone())];
         }
-        let seen = Seen { body, all: &bodies, points, recording };
+        let seen = Observed { body, all: &bodies, points, recording };
         seen.pieces(f64::from(options.piece)).unwrap_or_else(|| {
             let bends = Some(seen_best(body, recording));
             vec![Piece { body: body.clone(), bends, share: 1.0 }]
@@ -68,14 +68,14 @@ struct Shape {
 }
 
 /// A body and what was seen of it.
-struct Seen<'a> {
+struct Observed<'a> {
     body: &'a Body,
     all: &'a [Body],
     points: &'a [(Point, f64)],
     recording: Recording,
 }
 
-impl Seen<'_> {
+impl Observed<'_> {
     /// Pieces of so many RGB intervals (0: one); none where the shape that the body has is the better one.
     fn pieces(&self, intervals: f64) -> Option<Vec<Piece>> {
         // Where silhouettes agree on its shape, it is how it turns that is not known: that shape is nothing to go by.
