@@ -1,0 +1,190 @@
+//! The test from end to end: open, record each device alone, record all together, judge.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::{Arc, atomic::AtomicBool},
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
+
+use erfgs_base::{calendar::DateTime, scratch::Scratch};
+use erfgs_recorder::{DeviceConfig, DeviceSettings, Input, MachineFacts, RigConfig, open_on};
+use erfgs_rig::usb::Bus;
+use erfgs_session::source::Description;
+
+use crate::{
+    error::SelftestError,
+    record::{Made, Opened, record},
+    report::{DeviceReport, RecordedReport, Report, VERSION},
+    shared::SharedSource,
+    verdict::{Alone, Findings, Together, Tried, judge},
+};
+
+/// How a rig is tested.
+pub struct Options<'a> {
+    /// How long each recording is.
+    pub length: Duration,
+    /// A folder in which the recordings stay; `None`: they go when the test is over.
+    pub keep: Option<PathBuf>,
+    /// Set by who wants the test to end.
+    pub stop: &'a AtomicBool,
+}
+
+/// What the test does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Step<'a> {
+    /// A device is opened and set.
+    Opening {
+        /// Which.
+        device: &'a str,
+    },
+    /// A recording runs.
+    Recording {
+        /// Of which device; `None`: of all.
+        device: Option<&'a str>,
+        /// Which share of it is done.
+        share: f64,
+    },
+}
+
+/// Tests a rig, with the USB devices of `bus`. `told` hears of each step.
+///
+/// # Errors
+/// If nothing can be recorded on this machine. What is wrong with a device is in the report.
+pub fn run(
+    rig: &RigConfig,
+    bus: &Arc<dyn Bus>,
+    options: &Options<'_>,
+    told: &mut dyn FnMut(Step<'_>),
+) -> Result<Report, SelftestError> {
+    if rig.devices.is_empty() {
+        return Err(SelftestError::NoDevices);
+    }
+    let scratch = match options.keep {
+        Some(_) => None,
+        None => Some(Scratch::new().map_err(SelftestError::Folder)?),
+    };
+    let folder = options.keep.as_deref().or(scratch.as_ref().map(Scratch::path)).unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder).map_err(SelftestError::Folder)?;
+    let made_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let test = Test { rig, bus, options, folder };
+    let findings = test.find(told)?;
+    let mut machine = MachineFacts::gather();
+    machine.remove("host");
+    Ok(Report {
+        kind: Report::KIND.to_owned(),
+        version: VERSION,
+        program: concat!("erfgs ", env!("CARGO_PKG_VERSION")).to_owned(),
+        made_utc: DateTime::of_seconds(made_s.cast_signed()).to_string(),
+        machine,
+        rig: rig.name.clone(),
+        configuration: rig.text.clone(),
+        seconds: options.length.as_secs_f64(),
+        checks: judge(&findings),
+        devices: findings.devices.iter().map(|tried| of_device(tried, &findings.together)).collect(),
+    })
+}
+
+/// A test that runs.
+struct Test<'a> {
+    rig: &'a RigConfig,
+    bus: &'a Arc<dyn Bus>,
+    options: &'a Options<'a>,
+    folder: &'a Path,
+}
+
+impl Test<'_> {
+    fn find(&self, told: &mut dyn FnMut(Step<'_>)) -> Result<Findings, SelftestError> {
+        let mut devices = Vec::new();
+        let mut opened = Vec::new();
+        for device in &self.rig.devices {
+            told(Step::Opening { device: &device.id });
+            let tried = self.open(device);
+            devices.push(Tried {
+                device: device.clone(),
+                opened: tried.as_ref().map(|device| device.source.now()).map_err(Clone::clone),
+                alone: Alone::Skipped("it was not recorded alone".into()),
+                readings: BTreeMap::new(),
+            });
+            opened.push(tried.ok());
+        }
+        let several = opened.iter().flatten().count() > 1;
+        for (tried, opened) in devices.iter_mut().zip(&opened) {
+            let (Some(opened), Ok(description)) = (opened, &tried.opened) else { continue };
+            tried.alone = match skipped(&tried.device, description, several) {
+                Some(why) => Alone::Skipped(why.into()),
+                None => self.alone(&tried.device.id, opened, told)?,
+            };
+        }
+        // A device that does not start alone would keep all others from starting.
+        let starts = |tried: &Tried| !matches!(tried.alone, Alone::NotStarted(_));
+        let (all, places): (Vec<&Opened>, Vec<usize>) = (opened.iter().zip(&devices).enumerate())
+            .filter_map(|(place, (opened, tried))| Some((opened.as_ref().filter(|_| starts(tried))?, place)))
+            .unzip();
+        if all.is_empty() {
+            return Ok(Findings { devices, together: Together::NotMade });
+        }
+        let path = self.folder.join("together.mcap");
+        let made = record(self.rig, &all, &path, self.options.length, self.options.stop, &mut |share| {
+            told(Step::Recording { device: None, share });
+        })?;
+        let together = match made {
+            Made::Recorded(recording, readings) => {
+                for (place, readings) in places.into_iter().zip(readings) {
+                    devices[place].readings = readings;
+                    if let Some(opened) = &opened[place] {
+                        devices[place].opened = Ok(opened.source.now());
+                    }
+                }
+                Together::Recorded(recording)
+            }
+            Made::NotStarted { device, reason } => Together::NotStarted { device, reason },
+        };
+        Ok(Findings { devices, together })
+    }
+
+    fn open(&self, device: &DeviceConfig) -> Result<Opened, String> {
+        let alone = RigConfig { devices: vec![device.clone()], ..self.rig.clone() };
+        let inputs = open_on(&alone, self.bus).map_err(|error| error.source.to_string())?;
+        let Some(Input { source, queue_bytes, .. }) = inputs.into_iter().next() else {
+            return Err("the rig names no such device".into());
+        };
+        Ok(Opened { source: SharedSource::new(source), queue_bytes })
+    }
+
+    fn alone(&self, id: &str, device: &Opened, told: &mut dyn FnMut(Step<'_>)) -> Result<Alone, SelftestError> {
+        let path = self.folder.join(format!("alone-{id}.mcap"));
+        let mut of_device = |share| told(Step::Recording { device: Some(id), share });
+        let made = record(self.rig, &[device], &path, self.options.length, self.options.stop, &mut of_device)?;
+        Ok(match made {
+            Made::Recorded(recording, _) => Alone::Recorded(recording),
+            Made::NotStarted { reason, .. } => Alone::NotStarted(reason),
+        })
+    }
+}
+
+/// Why a device is not recorded alone, if it is not.
+fn skipped(device: &DeviceConfig, description: &Description, several: bool) -> Option<&'static str> {
+    let setting = |name: &str| description.settings.get(name);
+    let waits = description.is_triggered();
+    match &device.settings {
+        DeviceSettings::Trigger(_) => Some("a trigger board sends too little to be recorded alone"),
+        _ if setting("sync").is_some_and(|role| role == "slave") || setting("clock_master").is_some_and(|is| is == false) => {
+            Some("its clock comes from another camera")
+        }
+        _ if !several && !waits => Some("it is the only device"),
+        _ => None,
+    }
+}
+
+fn of_device(tried: &Tried, together: &Together) -> DeviceReport {
+    let id = &tried.device.id;
+    let of = |recording| RecordedReport::of(recording, recording.stream(id)?).into();
+    DeviceReport {
+        id: id.clone(),
+        description: tried.opened.as_ref().ok().cloned(),
+        readings: tried.readings.clone(),
+        alone: if let Alone::Recorded(recording) = &tried.alone { of(recording) } else { None },
+        together: if let Together::Recorded(recording) = together { of(recording) } else { None },
+    }
+}

@@ -1,0 +1,90 @@
+//! Opened, the right one, and set as asked.
+
+use erfgs_recorder::DeviceSettings;
+use erfgs_session::source::Incident;
+use serde_json::Value;
+
+use super::Seen;
+use crate::check::{Check, CheckName};
+
+const OPENED: CheckName = CheckName::Opened;
+const SERIAL: CheckName = CheckName::SerialNumber;
+const SETTINGS: CheckName = CheckName::Settings;
+const WARNINGS: CheckName = CheckName::DriverWarnings;
+/// Warnings that are repeated in full.
+const MAX_WARNINGS: usize = 4;
+
+/// A device that cannot be opened. Its driver says what to do.
+pub fn refused(reason: &str) -> Check {
+    Check::fault(OPENED, format!("cannot be opened: {reason}"), "`erfgs devices` lists what is plugged in")
+}
+
+pub fn opened(seen: &Seen<'_>) -> Check {
+    let description = seen.description;
+    let firmware = ["firmware", "firmware_version"].into_iter().find_map(|name| description.settings.get(name));
+    let firmware = firmware.map(|value| format!(", firmware {}", plain(value))).unwrap_or_default();
+    Check::ok(OPENED, format!("{}{firmware}", description.model))
+}
+
+fn plain(value: &Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+pub fn serial_number(seen: &Seen<'_>) -> Check {
+    let has = seen.description.serial.as_str();
+    let asked = match &seen.tried.device.settings {
+        DeviceSettings::Evk4(config) => config.serial.as_str(),
+        DeviceSettings::Davis346(config) => config.serial.as_str(),
+        DeviceSettings::Camera(config) => config.camera.as_str(),
+        DeviceSettings::Trigger(_) => return Check::not_tested(SERIAL, "trigger boards have no serial number"),
+        DeviceSettings::Pattern(_) => return Check::not_tested(SERIAL, "a built-in pattern has no serial number"),
+    };
+    match (asked, has) {
+        (_, "") => Check::not_tested(SERIAL, "the device tells no serial number"),
+        ("", has) => Check::ok(SERIAL, format!("{has}; the rig asks for none")),
+        (asked, has) if asked == has => Check::ok(SERIAL, has),
+        (asked, has) if matches!(seen.tried.device.settings, DeviceSettings::Camera(_)) => {
+            Check::ok(SERIAL, format!("{has}, chosen as \"{asked}\""))
+        }
+        (asked, has) => Check::fault(
+            SERIAL,
+            format!("{has}, and the rig asks for {asked}"),
+            "plug in the device that the rig asks for, or write its serial number into the rig's file",
+        ),
+    }
+}
+
+/// Drivers list what a device did not take under `not_applied`.
+pub fn settings(seen: &Seen<'_>) -> Check {
+    let missed: Vec<String> = match seen.description.settings.get("not_applied") {
+        None | Some(Value::Null) => Vec::new(),
+        Some(Value::Array(list)) => list.iter().map(plain).collect(),
+        Some(other) => vec![plain(other)],
+    };
+    if missed.is_empty() {
+        return Check::ok(SETTINGS, "all settings read back as asked for");
+    }
+    let found = format!("not accepted: {}", missed.join("; "));
+    Check::warning(SETTINGS, found, "give a value that the device takes, or leave the setting out")
+}
+
+pub fn driver_warnings(seen: &Seen<'_>) -> Check {
+    let mut warnings: Vec<&str> = Vec::new();
+    for incident in seen.spells.iter().flat_map(|spell| &spell.observed.incidents) {
+        if let Incident::Warning { message } = incident
+            && !warnings.contains(&message.as_str())
+        {
+            warnings.push(message);
+        }
+    }
+    if seen.spells.is_empty() {
+        return Check::not_tested(WARNINGS, "it was not recorded");
+    }
+    if warnings.is_empty() {
+        return Check::ok(WARNINGS, "none");
+    }
+    let more = warnings.len().saturating_sub(MAX_WARNINGS);
+    let more = if more > 0 { format!("; and {more} more") } else { String::new() };
+    let found = warnings.iter().take(MAX_WARNINGS).copied().collect::<Vec<_>>().join("; ");
+    Check::warning(WARNINGS, found + &more, "")
+}

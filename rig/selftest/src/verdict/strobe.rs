@@ -1,0 +1,79 @@
+//! The strobe of a camera at the trigger input of an event camera: a pulse for each exposure, as long as that.
+
+use erfgs_recorder::DeviceSettings;
+use erfgs_session::trigger::code::SensedPulse;
+use erfgs_sync::pulses;
+
+use super::{Findings, Seen, Tried};
+use crate::{
+    check::{Check, CheckName},
+    observe::Observed,
+};
+
+const STROBE: CheckName = CheckName::StrobeEdges;
+/// A strobe is as long as the exposure, but for this share, and this, nanoseconds.
+const LONGER: f64 = 0.2;
+const LONGER_NS: i64 = 50_000;
+/// At the ends of a recording frames or edges may be cut off: so many, and this share.
+const CUT_OFF: u64 = 3;
+const CUT_OFF_SHARE: f64 = 0.1;
+
+/// The output that shows the exposure of a camera, if the rig names one.
+fn line(tried: &Tried) -> Option<&str> {
+    #[cfg(target_os = "linux")]
+    if let DeviceSettings::Camera(config) = &tried.device.settings {
+        return config.genicam.as_ref().map(|more| more.strobe_line.as_str()).filter(|line| !line.is_empty());
+    }
+    #[cfg(not(target_os = "linux"))]
+    let _ = (tried, |settings: &DeviceSettings| matches!(settings, DeviceSettings::Camera(_)));
+    None
+}
+
+/// The camera whose strobe the trigger input of an event camera has, if it has one.
+pub fn camera_of<'a>(findings: &'a Findings, event_camera: &str) -> Option<&'a str> {
+    let recording = findings.together.recording()?;
+    let eye = recording.stream(event_camera)?;
+    let cameras = findings.devices.iter().filter(|tried| line(tried).is_some());
+    let ids = cameras.map(|tried| tried.device.id.as_str());
+    ids.into_iter().find(|id| recording.stream(id).is_some_and(|camera| shows(eye, camera).is_some()))
+}
+
+/// How many strobes an event camera saw, if its edges are those of a camera's exposures.
+fn shows(eye: &Observed, camera: &Observed) -> Option<u64> {
+    let edges = &eye.events.as_ref()?.edges;
+    let exposure_ns = camera.description.exposure_ns()?;
+    let strobes = pulses(edges, edges.first()?.channel);
+    let is_one = |pulse: &SensedPulse| {
+        pulse.width_ns.is_none_or(|width| (width - exposure_ns).abs() <= LONGER_NS.max((LONGER * exposure_ns as f64) as i64))
+    };
+    let (seen, frames) = (strobes.len() as u64, camera.totals.packets + camera.missing_frames);
+    let cut_off = CUT_OFF.max((CUT_OFF_SHARE * frames as f64) as u64);
+    let whole = strobes.iter().filter(|pulse| is_one(pulse)).count() as u64;
+    (frames > 0 && seen > 0 && whole + 1 >= seen && seen.abs_diff(frames) <= cut_off).then_some(seen)
+}
+
+pub fn strobe_edges(seen: &Seen<'_>) -> Option<Check> {
+    let line = line(seen.tried)?;
+    let Some(spell) = seen.together() else { return Some(Check::not_tested(STROBE, "it was not recorded with the others")) };
+    let camera = spell.observed;
+    if camera.totals.packets == 0 {
+        return Some(Check::not_tested(STROBE, "it gave no frame"));
+    }
+    if camera.description.exposure_ns().is_none() {
+        return Some(Check::not_tested(STROBE, "its exposure is not known"));
+    }
+    let mut eyes = spell.recording.streams.iter().filter(|stream| stream.events.is_some()).peekable();
+    if eyes.peek().is_none() {
+        return Some(Check::not_tested(STROBE, "the rig has no event camera that could see it"));
+    }
+    let frames = camera.totals.packets;
+    let found = eyes.find_map(|eye| Some((eye.description.id.clone(), shows(eye, camera)?)));
+    Some(match found {
+        Some((eye, strobes)) => Check::ok(STROBE, format!("{strobes} at the trigger input of '{eye}' for {frames} frames")),
+        None => Check::warning(
+            STROBE,
+            format!("no event camera has edges like its {frames} exposures"),
+            format!("wire {line} to a trigger input, with ground; a camera's open output needs a pull-up resistor"),
+        ),
+    })
+}
