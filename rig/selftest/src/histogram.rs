@@ -92,6 +92,9 @@ mod tests {
     fn what_is_absurd_has_a_place_too() {
         assert_eq!((Intervals::of(&[]), Intervals::of(&[7])), (Intervals::default(), Intervals::default()));
         let far = Intervals::of(&[i64::MIN, i64::MAX, 0]);
-        assert_eq!(far.bins.iter().map(|bin| (bin.to_us.is_none(), bin.count)).collect::<Vec<_>>(), [(false, 1), (true, 1)]);
+        assert_eq!(
+            far.bins.iter().map(|bin| (bin.to_us.is_none(), bin.count)).collect::<Vec<_>>(),
+            [(false, 1), (true, 1)]
+        );
     }
 }

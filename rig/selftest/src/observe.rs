@@ -6,15 +6,15 @@ use std::{
 };
 
 use erfgs_events::{Anomalies, CdEvent, Decoder, Edge, EventBatch, ImuSample, Sink, StreamDecoder};
+use erfgs_session::trigger::protocol::{Message, Reader};
 use erfgs_session::{
     clock::Sample,
     container::{ContainerError, Entry, Session, StreamTotals, hand_over},
     source::{Counters, Description, Encoding, Incident, Packet, StampClock},
 };
 use erfgs_sync::{BOARD_NS_PER_TICK, Board, BoardLines, SyncOptions, Synchronisation, synchronise};
-use erfgs_session::trigger::protocol::{Message, Reader};
 
-use crate::{histogram::Intervals, rate::RateFit};
+use crate::{histogram::Intervals, holes::Holes, rate::RateFit};
 
 /// Edges that are kept of an input: one that floats may have a million a second.
 const MAX_EDGES: usize = 200_000;
@@ -89,6 +89,8 @@ pub struct EventsSeen {
     pub anomalies: Anomalies,
     /// Breaks of the camera's time of which the driver said nothing.
     pub unexplained_breaks: u64,
+    /// Places between two packets at which events are missing.
+    pub holes: Holes,
 }
 
 impl EventsSeen {
@@ -237,9 +239,11 @@ impl Gathering {
     fn take_events(&mut self, packet: &Packet, arrived_ns: i64, is_first: bool) {
         let (Some(decoder), Some(events)) = (&mut self.decoder, &mut self.observed.events) else { return };
         hand_over(decoder, packet, !is_first);
-        let mut found = Found { events, last_us: None, breaks: 0 };
+        let mut found = Found::new(events);
         decoder.decode(&packet.payload, &mut found);
-        let Found { last_us, breaks, .. } = found;
+        let Found { last_us, breaks, span_us, longest_us, .. } = found;
+        let whole = breaks == 0 && !packet.discontinuity;
+        events.holes.take(span_us.filter(|_| whole), longest_us);
         if breaks > 0 && !packet.discontinuity && !is_first {
             events.unexplained_breaks += breaks;
             self.samples.push(Vec::new());
@@ -277,7 +281,7 @@ impl Gathering {
     fn finish(self) -> Observed {
         let Self { mut observed, decoder, lines, reader, samples, .. } = self;
         if let (Some(events), Some(mut decoder)) = (&mut observed.events, decoder) {
-            decoder.finish(&mut Found { events, last_us: None, breaks: 0 });
+            decoder.finish(&mut Found::new(events));
             events.anomalies = decoder.anomalies();
         }
         let ns_per_tick = match observed.description.encoding {
@@ -313,7 +317,8 @@ impl Observed {
             return ("pulses", Intervals::of(&rises));
         }
         let edges = self.events.iter().flat_map(|events| &events.edges).filter(|edge| edge.rising);
-        let rises: Vec<i64> = edges.map(|edge| i64::try_from(edge.t_us.saturating_mul(1000)).unwrap_or(i64::MAX)).collect();
+        let rises: Vec<i64> =
+            edges.map(|edge| i64::try_from(edge.t_us.saturating_mul(1000)).unwrap_or(i64::MAX)).collect();
         if rises.len() > 1 {
             return ("rising-edges", Intervals::of(&rises));
         }
@@ -347,9 +352,22 @@ struct Found<'a> {
     events: &'a mut EventsSeen,
     last_us: Option<u64>,
     breaks: u64,
+    /// The first and the last event, and the longest time between two, microseconds.
+    span_us: Option<[u64; 2]>,
+    longest_us: u64,
 }
 
-impl Found<'_> {
+impl<'a> Found<'a> {
+    fn new(events: &'a mut EventsSeen) -> Self {
+        Self { events, last_us: None, breaks: 0, span_us: None, longest_us: 0 }
+    }
+
+    fn event_at(&mut self, t_us: u64) {
+        let [_, last] = self.span_us.get_or_insert([t_us, t_us]);
+        self.longest_us = self.longest_us.max(t_us.saturating_sub(*last));
+        *last = t_us;
+    }
+
     fn saw(&mut self, t_us: u64) {
         self.last_us = self.last_us.max(Some(t_us));
         self.events.saw(t_us);
@@ -359,6 +377,7 @@ impl Found<'_> {
 impl Sink for Found<'_> {
     fn event(&mut self, event: CdEvent) {
         self.saw(event.t_us);
+        self.event_at(event.t_us);
         self.events.events += 1;
         self.events.on += u64::from(event.on);
     }
@@ -366,6 +385,7 @@ impl Sink for Found<'_> {
     fn events(&mut self, batch: EventBatch<'_>) {
         batch.t_us.first().iter().for_each(|&&t_us| self.saw(t_us));
         batch.t_us.last().iter().for_each(|&&t_us| self.saw(t_us));
+        batch.t_us.iter().for_each(|&t_us| self.event_at(t_us));
         self.events.events += batch.t_us.len() as u64;
         self.events.on += batch.on.iter().filter(|&&on| on).count() as u64;
     }

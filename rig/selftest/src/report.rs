@@ -189,7 +189,8 @@ impl Report {
     /// If it cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), SelftestError> {
         let failed = FileError::when("write the report", path);
-        let written = serde_json::to_vec_pretty(self).map_err(io::Error::from).and_then(|bytes| atomic::write(path, &bytes));
+        let written =
+            serde_json::to_vec_pretty(self).map_err(io::Error::from).and_then(|bytes| atomic::write(path, &bytes));
         written.map_err(|source| SelftestError::Report(failed(source)))
     }
 }

@@ -104,6 +104,7 @@ impl Test<'_> {
                 device: device.clone(),
                 opened: tried.as_ref().map(|device| device.source.now()).map_err(Clone::clone),
                 alone: Alone::Skipped("it was not recorded alone".into()),
+                warnings: Vec::new(),
                 readings: BTreeMap::new(),
             });
             opened.push(tried.ok());
@@ -116,31 +117,44 @@ impl Test<'_> {
                 None => self.alone(&tried.device.id, opened, told)?,
             };
         }
+        let together = self.together(&mut devices, &opened, told)?;
+        for (tried, opened) in devices.iter_mut().zip(&opened) {
+            if let Some(opened) = opened {
+                tried.warnings = opened.source.warnings();
+                tried.opened = Ok(opened.source.now());
+            }
+        }
+        Ok(Findings { devices, together })
+    }
+
+    /// Records all devices that start.
+    fn together(
+        &self,
+        devices: &mut [Tried],
+        opened: &[Option<Opened>],
+        told: &mut dyn FnMut(Step<'_>),
+    ) -> Result<Together, SelftestError> {
         // A device that does not start alone would keep all others from starting.
         let starts = |tried: &Tried| !matches!(tried.alone, Alone::NotStarted(_));
-        let (all, places): (Vec<&Opened>, Vec<usize>) = (opened.iter().zip(&devices).enumerate())
+        let (all, places): (Vec<&Opened>, Vec<usize>) = (opened.iter().zip(&*devices).enumerate())
             .filter_map(|(place, (opened, tried))| Some((opened.as_ref().filter(|_| starts(tried))?, place)))
             .unzip();
         if all.is_empty() {
-            return Ok(Findings { devices, together: Together::NotMade });
+            return Ok(Together::NotMade);
         }
         let path = self.folder.join("together.mcap");
         let made = record(self.rig, &all, &path, self.options.length, self.options.stop, &mut |share| {
             told(Step::Recording { device: None, share });
         })?;
-        let together = match made {
+        Ok(match made {
             Made::Recorded(recording, readings) => {
                 for (place, readings) in places.into_iter().zip(readings) {
                     devices[place].readings = readings;
-                    if let Some(opened) = &opened[place] {
-                        devices[place].opened = Ok(opened.source.now());
-                    }
                 }
                 Together::Recorded(recording)
             }
             Made::NotStarted { device, reason } => Together::NotStarted { device, reason },
-        };
-        Ok(Findings { devices, together })
+        })
     }
 
     fn open(&self, device: &DeviceConfig) -> Result<Opened, String> {
@@ -169,7 +183,9 @@ fn skipped(device: &DeviceConfig, description: &Description, several: bool) -> O
     let waits = description.is_triggered();
     match &device.settings {
         DeviceSettings::Trigger(_) => Some("a trigger board sends too little to be recorded alone"),
-        _ if setting("sync").is_some_and(|role| role == "slave") || setting("clock_master").is_some_and(|is| is == false) => {
+        _ if setting("sync").is_some_and(|role| role == "slave")
+            || setting("clock_master").is_some_and(|is| is == false) =>
+        {
             Some("its clock comes from another camera")
         }
         _ if !several && !waits => Some("it is the only device"),

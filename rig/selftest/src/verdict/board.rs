@@ -28,7 +28,8 @@ pub fn answers(seen: &Seen<'_>) -> Option<Check> {
         return Some(Check::fault(ANSWERS, found, "press the board's reset button, or flash its firmware again"));
     };
     if board.resets > 0 {
-        let remedy = "look at its power supply: the frame triggers of several cameras may take more than a USB port gives";
+        let remedy =
+            "look at its power supply: the frame triggers of several cameras may take more than a USB port gives";
         return Some(Check::fault(ANSWERS, format!("it restarted {} times", board.resets), remedy));
     }
     Some(match board.bounds {
@@ -43,10 +44,15 @@ pub fn answers(seen: &Seen<'_>) -> Option<Check> {
         }
         Bounds::Disagree { by_ns } => {
             let found = format!("commands and answers disagree by {:.0} µs", by_ns / 1e3);
-            Check::warning(ANSWERS, found, "test again with less else to do; all triggered streams may share an unknown offset")
+            Check::warning(
+                ANSWERS,
+                found,
+                "test again with less else to do; all triggered streams may share an unknown offset",
+            )
         }
         Bounds::OneSided => {
-            let remedy = "its line to the computer is silent in one direction: try another cable, or flash its firmware again";
+            let remedy =
+                "its line to the computer is silent in one direction: try another cable, or flash its firmware again";
             Check::fault(ANSWERS, "it answered no `clock` command", remedy)
         }
     })

@@ -16,6 +16,8 @@ const PERIODS: f64 = 6.0;
 const USUAL_AT_BEGIN: u64 = 1000;
 /// If so large a share of all items cannot be right, it is not a damaged word but another order of them.
 const OTHER_ORDER: f64 = 0.05;
+const ON_THE_WAY: &str =
+    "use a shorter cable without a hub; spread cameras over more USB controllers or networks, or lower their rates";
 /// Events enough to expect both polarities.
 const BOTH_POLARITIES: u64 = 1000;
 
@@ -23,7 +25,11 @@ const BOTH_POLARITIES: u64 = 1000;
 pub fn started(seen: &Seen<'_>) -> Option<Check> {
     let id = &seen.tried.device.id;
     let not_started = |reason: &str| {
-        Check::fault(DATA, format!("does not start: {reason}"), "unplug it and plug it in again; if that does not help, see the guide")
+        Check::fault(
+            DATA,
+            format!("does not start: {reason}"),
+            "unplug it and plug it in again; if that does not help, see the guide",
+        )
     };
     if let Alone::NotStarted(reason) = &seen.tried.alone {
         return Some(not_started(reason));
@@ -101,21 +107,28 @@ pub fn format(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
     }
     if observed.is_frames() {
         return Some(match &observed.frame_problem {
-            Some(problem) => Check::fault(FORMAT, format!("a frame of {name} cannot be decoded: {problem}"), other_format()),
+            Some(problem) => {
+                Check::fault(FORMAT, format!("a frame of {name} cannot be decoded: {problem}"), other_format())
+            }
             None if observed.frames_ns.len() as u64 == observed.totals.damaged => {
                 Check::not_tested(FORMAT, "no frame is whole")
             }
             None => Check::ok(FORMAT, format!("{name}, decoded")),
         });
     }
-    let Some(events) = &observed.events else { return Some(Check::not_tested(FORMAT, format!("{name} is not decoded"))) };
+    let Some(events) = &observed.events else {
+        return Some(Check::not_tested(FORMAT, format!("{name} is not decoded")));
+    };
     let anomalies = events.anomalies;
     let at_begin = anomalies.undated + anomalies.no_row + anomalies.no_base;
-    let wrong = anomalies.outside + anomalies.unknown + anomalies.incomplete + anomalies.damaged + anomalies.truncated_bytes;
+    let wrong =
+        anomalies.outside + anomalies.unknown + anomalies.incomplete + anomalies.damaged + anomalies.truncated_bytes;
     let wrong = wrong + if at_begin > USUAL_AT_BEGIN { at_begin } else { 0 };
     let items = events.events + events.edges.len() as u64 + events.imu_samples;
     if wrong as f64 > OTHER_ORDER * (items + wrong) as f64 {
-        let found = format!("{anomalies} beside {items} that can be right: bytes are missing, or the order of words is not that of {name}");
+        let found = format!(
+            "{anomalies} beside {items} that can be right: bytes are missing, or the order of words is not that of {name}"
+        );
         let remedy = "try another cable, without a hub; if it stays, send this report to the developers";
         return Some(Check::fault(FORMAT, found, remedy));
     }
@@ -130,7 +143,11 @@ pub fn format(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
     if events.events > BOTH_POLARITIES && (events.on == 0 || events.on == events.events) {
         let which = if events.on == 0 { "darker" } else { "brighter" };
         let found = format!("all {} events are {which}", events.events);
-        return Some(Check::warning(FORMAT, found, "look at the biases diff_on and diff_off; move something before the lens"));
+        return Some(Check::warning(
+            FORMAT,
+            found,
+            "look at the biases diff_on and diff_off; move something before the lens",
+        ));
     }
     Some(Check::ok(FORMAT, format!("{name}: {} events, {} edges", events.events, events.edges.len())))
 }
@@ -139,7 +156,7 @@ fn other_format() -> &'static str {
     "send this report to the developers; meanwhile set another format, if the device has one"
 }
 
-pub fn losses(_: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
+pub fn losses(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
     let observed = spell.observed;
     if observed.totals.packets == 0 {
         return None;
@@ -158,14 +175,34 @@ pub fn losses(_: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
         (dropped("writer"), "not written"),
         (totals.missing.saturating_sub(dropped("queue") + dropped("writer")), "missing in the numbering"),
     ];
-    let list = |of: &[(u64, &str)]| of.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")).collect::<Vec<_>>();
+    let list = |of: &[(u64, &str)]| {
+        of.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")).collect::<Vec<_>>()
+    };
     let (on_the_way, here) = (list(&before_us), list(&after));
     if on_the_way.is_empty() && here.is_empty() {
+        let again = seen.tried.readings.get("asked_packets").copied().unwrap_or(0.0);
+        if again > 0.0 {
+            let found = format!("{again:.0} packets were lost on the network, and came when they were asked for again");
+            return Some(Check::warning(
+                LOSSES,
+                found,
+                "larger receive buffers (net.core.rmem_max), a switch without other traffic, or lower rates",
+            ));
+        }
+        if let Some((holes, longest_us)) =
+            observed.events.as_ref().and_then(|events| events.holes.count()).filter(|(holes, _)| *holes > 0)
+        {
+            let found = format!(
+                "{holes} times no event between two packets for up to {:.1} ms, though they are dense within packets",
+                longest_us as f64 * 1e-3
+            );
+            return Some(Check::warning(LOSSES, found, ON_THE_WAY));
+        }
         return Some(Check::ok(LOSSES, format!("none of {} packets", totals.packets)));
     }
     let remedy = match (on_the_way.is_empty(), here.is_empty()) {
         (true, _) => "record to a faster disk; test with TMPDIR or --keep on the disk of your recordings",
-        (_, true) => "use a shorter cable without a hub; spread cameras over more USB controllers or networks, or lower their rates",
+        (_, true) => ON_THE_WAY,
         _ => "first lower the rates of the cameras until nothing is dropped, then look at cables",
     };
     Some(Check::fault(LOSSES, [on_the_way, here].concat().join(", "), remedy))

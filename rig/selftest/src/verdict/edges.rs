@@ -57,7 +57,10 @@ pub fn trigger_edges(seen: &Seen<'_>) -> Option<Check> {
         return Some(Check::not_tested(EDGES, why));
     }
     if rising != falling {
-        let why = format!("{} edges for {given} pulses; only one polarity is switched on, so that they have no numbers", rises + falls);
+        let why = format!(
+            "{} edges for {given} pulses; only one polarity is switched on, so that they have no numbers",
+            rises + falls
+        );
         return Some(Check::not_tested(EDGES, why));
     }
     match fit_edges(&events.edges, board) {
@@ -69,19 +72,27 @@ pub fn trigger_edges(seen: &Seen<'_>) -> Option<Check> {
 /// Of edges that have the numbers of pulses.
 fn numbered(board: &Board, clock: &Clock, matched: Matched, samples: &[Sample]) -> Check {
     let last_ns = samples.iter().map(|sample| sample.session_ns).max().unwrap_or(0);
-    let end_ns = board.pulses.values().map(|pulse| board.rise_ns(pulse)).max().unwrap_or(0).saturating_sub(ON_THE_WAY_NS);
+    let end_ns =
+        board.pulses.values().map(|pulse| board.rise_ns(pulse)).max().unwrap_or(0).saturating_sub(ON_THE_WAY_NS);
     // From the first pulse on: a board starts when all cameras run.
     let expected = board.pulses.values().filter(|pulse| board.rise_ns(pulse) <= last_ns.max(end_ns)).count() as u64;
     let missing = expected.saturating_sub(matched.matched);
     let odd = matched.seen.saturating_sub(matched.matched);
     if missing > 0 || odd > 1 {
-        let found = format!("{missing} of {expected} pulses did not arrive, and {odd} of {} edges that rise have no number", matched.seen);
+        let found = format!(
+            "{missing} of {expected} pulses did not arrive, and {odd} of {} edges that rise have no number",
+            matched.seen
+        );
         return Check::fault(EDGES, found, format!("{WIRE}; a long wire without ground picks up edges of others"));
     }
     let spread_ns = clock.residuals.p95_ns;
     let found = format!("{} of {expected} pulses, within {:.1} µs (95 %)", matched.matched, spread_ns / 1e3);
     if spread_ns > SPREAD_NS {
-        return Check::warning(EDGES, found, "edges are slow or noisy: shorten the wire, or use a buffer instead of a resistor");
+        return Check::warning(
+            EDGES,
+            found,
+            "edges are slow or noisy: shorten the wire, or use a buffer instead of a resistor",
+        );
     }
     Check::ok(EDGES, found)
 }
@@ -93,10 +104,17 @@ fn unnumbered(seen: &Seen<'_>, edges: &[Edge], board: &Board) -> Check {
         && matched.matched > 0
     {
         let found = format!("the polarity is inverted: {} pulses arrive as gaps", matched.matched);
-        return Check::fault(EDGES, found, "an inverting level shifter or opto-isolator is in the wire: swap it, or its wires");
+        return Check::fault(
+            EDGES,
+            found,
+            "an inverting level shifter or opto-isolator is in the wire: swap it, or its wires",
+        );
     }
     if let Some(camera) = strobe::camera_of(seen.findings, &seen.tried.device.id) {
-        return Check::not_tested(EDGES, format!("its input has the strobe of '{camera}' instead of the board's pulses"));
+        return Check::not_tested(
+            EDGES,
+            format!("its input has the strobe of '{camera}' instead of the board's pulses"),
+        );
     }
     let found = format!("{} edges arrived, none of which is one of {} pulses", edges.len(), board.pulses.len());
     Check::fault(EDGES, found, WIRE)

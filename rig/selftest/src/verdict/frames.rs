@@ -39,7 +39,8 @@ pub fn rate(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
     };
     // Holes are losses; the rate is that of the frames between them.
     let median_hz = 1e6 / intervals.median_us;
-    let rate_hz = if observed.missing_frames > 0 { median_hz } else { found_hz };
+    let gaps = observed.missing_frames + observed.totals.discontinuities;
+    let rate_hz = if gaps > 0 { median_hz } else { found_hz };
     let off = (rate_hz / asked_hz - 1.0).abs();
     let found = format!("{rate_hz:.2} Hz of the {asked_hz:.2} Hz asked for");
     let remedy = "a long exposure, a slow link or a format with fewer rates lowers it: shorten the exposure, use USB 3, or \
@@ -51,13 +52,18 @@ pub fn rate(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
         return Some(Check::warning(RATE, found, remedy));
     }
     // Arrivals are late as the host is busy; stamps are not.
-    let holes = observed.frames_ns.windows(2).filter(|pair| {
-        (pair[1].saturating_sub(pair[0])) as f64 / 1e3 > HOLE * intervals.median_us
-    });
+    let holes = observed
+        .frames_ns
+        .windows(2)
+        .filter(|pair| (pair[1].saturating_sub(pair[0])) as f64 / 1e3 > HOLE * intervals.median_us);
     let holes = if observed.stamped_by.is_some() { holes.count() as u64 } else { 0 };
-    if holes > observed.missing_frames {
+    if holes > gaps {
         let found = format!("{found}, with {holes} holes of more than {HOLE} periods");
-        return Some(Check::warning(RATE, found, "switch off what the camera sets by itself (exposure), and test again"));
+        return Some(Check::warning(
+            RATE,
+            found,
+            "switch off what the camera sets by itself (exposure), and test again",
+        ));
     }
     Some(Check::ok(RATE, found))
 }
@@ -93,7 +99,9 @@ pub fn frame_per_pulse(seen: &Seen<'_>) -> Option<Check> {
         Ok(board) => board,
         Err(not_tested) => return Some(not_tested),
     };
-    let Some(spell) = seen.together() else { return Some(Check::not_tested(PER_PULSE, "it was not recorded with the board")) };
+    let Some(spell) = seen.together() else {
+        return Some(Check::not_tested(PER_PULSE, "it was not recorded with the board"));
+    };
     let (given, frames) = (board.pulses.len() as u64, spell.observed.totals.packets);
     let wire = "check the wire from the board's output to the camera's trigger input, its ground and its voltage";
     if frames == 0 {
@@ -104,7 +112,9 @@ pub fn frame_per_pulse(seen: &Seen<'_>) -> Option<Check> {
         return Some(Check::fault(PER_PULSE, format!("none of {frames} frames fits one of {given} pulses"), wire));
     };
     let [without_frame, without_pulse] = match board.period_ns() {
-        Some(period_ns) if spell.observed.stamped_by.is_some() => by_stamps(&spell.observed.frames_ns, given, period_ns),
+        Some(period_ns) if spell.observed.stamped_by.is_some() => {
+            by_stamps(&spell.observed.frames_ns, given, period_ns)
+        }
         _ => by_match(exposures, board),
     };
     if without_frame == 0 && without_pulse == 0 {
@@ -112,8 +122,11 @@ pub fn frame_per_pulse(seen: &Seen<'_>) -> Option<Check> {
         let found = format!("{frames} frames for {given} pulses, stamps within {spread_us:.0} µs (95 %)");
         return Some(Check::ok(PER_PULSE, found));
     }
-    let found = format!("{without_frame} of {given} pulses gave no frame, and {without_pulse} of {frames} frames have no pulse");
-    let remedy = "lower the board's rate or the exposure, so that the camera is ready for each pulse; then look at its wire";
+    let found = format!(
+        "{without_frame} of {given} pulses gave no frame, and {without_pulse} of {frames} frames have no pulse"
+    );
+    let remedy =
+        "lower the board's rate or the exposure, so that the camera is ready for each pulse; then look at its wire";
     Some(Check::fault(PER_PULSE, found, remedy))
 }
 

@@ -28,11 +28,16 @@ pub fn bandwidth(seen: &Seen<'_>) -> Option<Check> {
             Alone::Recorded(_) => "it waits for pulses",
             Alone::NotStarted(_) => "it did not start",
         };
-        return Some(Check::not_tested(BANDWIDTH, format!("{} with all devices; alone it was not measured: {why}", said(here))));
+        return Some(Check::not_tested(
+            BANDWIDTH,
+            format!("{} with all devices; alone it was not measured: {why}", said(here)),
+        ));
     };
     let found = format!("{} alone, {} with all devices", said(rate(alone)), said(here));
     let fewer = match (alone.observed.frames_per_s(), together.observed.frames_per_s()) {
-        (Some(alone), Some(together)) if seen.description.encoding.is_frames() => together < (1.0 - FEWER_FRAMES) * alone,
+        (Some(alone), Some(together)) if seen.description.encoding.is_frames() => {
+            together < (1.0 - FEWER_FRAMES) * alone
+        }
         _ => rate(alone) > LITTLE && here < (1.0 - FEWER_EVENTS) * rate(alone),
     };
     if !fewer {

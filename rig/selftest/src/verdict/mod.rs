@@ -39,6 +39,8 @@ pub struct Tried {
     pub opened: Result<Description, String>,
     /// Its recording without the others.
     pub alone: Alone,
+    /// What its driver warned of.
+    pub warnings: Vec<String>,
     /// What it measured of itself.
     pub readings: BTreeMap<String, f64>,
 }
@@ -147,9 +149,10 @@ pub fn judge(findings: &Findings) -> Vec<Check> {
         checks.extend(of_device.into_iter().map(|check| check.of(&tried.device.id)));
     }
     if let Pulses::NoBoard = pulses {
-        checks.extend([CheckName::BoardAnswers, CheckName::Pulses].map(|check| {
-            Check::not_tested(check, "the rig has no trigger board")
-        }));
+        checks.extend(
+            [CheckName::BoardAnswers, CheckName::Pulses]
+                .map(|check| Check::not_tested(check, "the rig has no trigger board")),
+        );
     }
     checks
 }
@@ -161,9 +164,7 @@ fn seen<'a>(
     pulses: &'a Pulses<'a>,
 ) -> Seen<'a> {
     let id = tried.device.id.as_str();
-    let spell = |recording: &'a Recording, alone| {
-        Some(Spell { recording, observed: recording.stream(id)?, alone })
-    };
+    let spell = |recording: &'a Recording, alone| Some(Spell { recording, observed: recording.stream(id)?, alone });
     let alone = match &tried.alone {
         Alone::Recorded(recording) if !description.is_triggered() => spell(recording, true),
         _ => None,

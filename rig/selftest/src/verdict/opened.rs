@@ -1,7 +1,6 @@
 //! Opened, the right one, and set as asked.
 
 use erfgs_recorder::DeviceSettings;
-use erfgs_session::source::Incident;
 use serde_json::Value;
 
 use super::Seen;
@@ -69,14 +68,7 @@ pub fn settings(seen: &Seen<'_>) -> Check {
 }
 
 pub fn driver_warnings(seen: &Seen<'_>) -> Check {
-    let mut warnings: Vec<&str> = Vec::new();
-    for incident in seen.spells.iter().flat_map(|spell| &spell.observed.incidents) {
-        if let Incident::Warning { message } = incident
-            && !warnings.contains(&message.as_str())
-        {
-            warnings.push(message);
-        }
-    }
+    let warnings = &seen.tried.warnings;
     if seen.spells.is_empty() {
         return Check::not_tested(WARNINGS, "it was not recorded");
     }
@@ -85,6 +77,5 @@ pub fn driver_warnings(seen: &Seen<'_>) -> Check {
     }
     let more = warnings.len().saturating_sub(MAX_WARNINGS);
     let more = if more > 0 { format!("; and {more} more") } else { String::new() };
-    let found = warnings.iter().take(MAX_WARNINGS).copied().collect::<Vec<_>>().join("; ");
-    Check::warning(WARNINGS, found + &more, "")
+    Check::warning(WARNINGS, warnings[..warnings.len().min(MAX_WARNINGS)].join("; ") + &more, "")
 }

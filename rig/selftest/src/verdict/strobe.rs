@@ -44,7 +44,9 @@ fn shows(eye: &Observed, camera: &Observed) -> Option<u64> {
     let exposure_ns = camera.description.exposure_ns()?;
     let strobes = pulses(edges, edges.first()?.channel);
     let is_one = |pulse: &SensedPulse| {
-        pulse.width_ns.is_none_or(|width| (width - exposure_ns).abs() <= LONGER_NS.max((LONGER * exposure_ns as f64) as i64))
+        pulse
+            .width_ns
+            .is_none_or(|width| (width - exposure_ns).abs() <= LONGER_NS.max((LONGER * exposure_ns as f64) as i64))
     };
     let (seen, frames) = (strobes.len() as u64, camera.totals.packets + camera.missing_frames);
     let cut_off = CUT_OFF.max((CUT_OFF_SHARE * frames as f64) as u64);
@@ -54,7 +56,9 @@ fn shows(eye: &Observed, camera: &Observed) -> Option<u64> {
 
 pub fn strobe_edges(seen: &Seen<'_>) -> Option<Check> {
     let line = line(seen.tried)?;
-    let Some(spell) = seen.together() else { return Some(Check::not_tested(STROBE, "it was not recorded with the others")) };
+    let Some(spell) = seen.together() else {
+        return Some(Check::not_tested(STROBE, "it was not recorded with the others"));
+    };
     let camera = spell.observed;
     if camera.totals.packets == 0 {
         return Some(Check::not_tested(STROBE, "it gave no frame"));
@@ -69,7 +73,9 @@ pub fn strobe_edges(seen: &Seen<'_>) -> Option<Check> {
     let frames = camera.totals.packets;
     let found = eyes.find_map(|eye| Some((eye.description.id.clone(), shows(eye, camera)?)));
     Some(match found {
-        Some((eye, strobes)) => Check::ok(STROBE, format!("{strobes} at the trigger input of '{eye}' for {frames} frames")),
+        Some((eye, strobes)) => {
+            Check::ok(STROBE, format!("{strobes} at the trigger input of '{eye}' for {frames} frames"))
+        }
         None => Check::warning(
             STROBE,
             format!("no event camera has edges like its {frames} exposures"),

@@ -35,7 +35,7 @@ fn each(cases: &[Case]) {
 }
 
 #[test]
-fn pulses_that_are_lost_or_doubled() {
+fn each_fault_of_the_board_and_its_wires_is_found_by_its_name() {
     each(&[
         (
             "pulses that reach no output",
@@ -55,12 +55,6 @@ fn pulses_that_are_lost_or_doubled() {
             },
             &[("eye", C::TriggerEdges, Fault)],
         ),
-    ]);
-}
-
-#[test]
-fn lines_of_the_board() {
-    each(&[
         (
             "lines that do not arrive",
             || bench(Faults { dropped_lines: [8, 9].into(), ..Faults::default() }, Some, DeviceFaults::default()),
@@ -75,6 +69,25 @@ fn lines_of_the_board() {
             "garbage at the start",
             || bench(Faults { garbage: b"\xff\x00p 7".to_vec(), ..Faults::default() }, Some, DeviceFaults::default()),
             &[],
+        ),
+        (
+            "an inverting wire",
+            || bench(Faults::default(), |rising| Some(!rising), DeviceFaults::default()),
+            &[("eye", C::TriggerEdges, Fault)],
+        ),
+        (
+            "a level at the limit",
+            || bench(Faults::default(), |rising| rising.then_some(true), DeviceFaults::default()),
+            &[("eye", C::TriggerEdges, Fault)],
+        ),
+        (
+            "no wire",
+            || {
+                let mut bench = bench(Faults::default(), |_| None, DeviceFaults::default());
+                bench.frames = TriggerLine::new();
+                bench
+            },
+            &[("eye", C::TriggerEdges, Fault)],
         ),
     ]);
 }
@@ -92,31 +105,6 @@ fn a_board_with_a_resonator() {
     bench.board(Clock { ppm: 30_000.0, drift_ppm_per_minute: 0.0 }, Faults::default(), Some);
     let tested = bench.test(1000);
     assert_eq!(tested.verdict("board", C::ClockRate), Some(Fault), "{}", tested.lines());
-}
-
-#[test]
-fn wires_of_the_board() {
-    each(&[
-        ("an inverting wire", || bench(Faults::default(), |rising| Some(!rising), DeviceFaults::default()), &[(
-            "eye",
-            C::TriggerEdges,
-            Fault,
-        )]),
-        (
-            "a level at the limit",
-            || bench(Faults::default(), |rising| rising.then_some(true), DeviceFaults::default()),
-            &[("eye", C::TriggerEdges, Fault)],
-        ),
-        (
-            "no wire",
-            || {
-                let mut bench = bench(Faults::default(), |_| None, DeviceFaults::default());
-                bench.frames = TriggerLine::new();
-                bench
-            },
-            &[("eye", C::TriggerEdges, Fault)],
-        ),
-    ]);
 }
 
 #[test]

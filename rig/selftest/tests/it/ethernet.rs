@@ -44,10 +44,11 @@ fn with(faults: GigeFaults) -> GigeOptions {
 fn faults_of_a_network() {
     let cases: &[Case] = &[
         ("nothing", || with(GigeFaults::default()), &[]),
-        ("a packet that is sent again", || with(GigeFaults { lost: [(5, 2)].into(), ..GigeFaults::default() }), &[(
-            C::DriverWarnings,
-            Warning,
-        )]),
+        (
+            "a packet that is sent again",
+            || with(GigeFaults { lost: [(5, 2)].into(), ..GigeFaults::default() }),
+            &[(C::Losses, Warning)],
+        ),
         (
             "a packet that stays lost",
             || with(GigeFaults { lost_for_good: [(5, 2)].into(), ..GigeFaults::default() }),

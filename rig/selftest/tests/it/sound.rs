@@ -42,7 +42,13 @@ fn all_right(tested: &Tested) {
     assert_eq!(tested.complaints(), [], "\n{}", tested.lines());
     let ok = |device: &str, checks: &[CheckName]| {
         for check in checks {
-            assert_eq!(tested.verdict(device, *check), Some(Verdict::Ok), "{device} {}\n{}", check.name(), tested.lines());
+            assert_eq!(
+                tested.verdict(device, *check),
+                Some(Verdict::Ok),
+                "{device} {}\n{}",
+                check.name(),
+                tested.lines()
+            );
         }
     };
     use CheckName as C;
@@ -62,7 +68,7 @@ fn all_right(tested: &Tested) {
 
 #[test]
 fn a_sound_rig_has_no_fault_and_no_warning() {
-    all_right(&sound().test(1000));
+    all_right(&sound().test(700));
 }
 
 #[test]
@@ -72,10 +78,14 @@ fn a_sound_rig_beside_a_busy_processor_has_no_fault_and_no_warning() {
     let busy: Vec<_> = (0..2 * cores)
         .map(|_| {
             let done = Arc::clone(&done);
-            thread::spawn(move || while !done.load(Relaxed) { std::hint::spin_loop() })
+            thread::spawn(move || {
+                while !done.load(Relaxed) {
+                    std::hint::spin_loop()
+                }
+            })
         })
         .collect();
-    let tested = sound().test(1000);
+    let tested = sound().test(700);
     done.store(true, Relaxed);
     busy.into_iter().for_each(|thread| thread.join().unwrap());
     all_right(&tested);
@@ -87,7 +97,7 @@ fn what_a_rig_without_a_board_cannot_test_is_said_to_be_not_tested() {
     bench.evk4("left", 0x51234, Evk4Options::default(), &[]);
     bench.triggered();
     bench.free(U3vFaults::default(), &[]);
-    let tested = bench.test(700);
+    let tested = bench.test(500);
     assert_eq!(tested.complaints(), [], "\n{}", tested.lines());
     use CheckName as C;
     for (device, check) in [

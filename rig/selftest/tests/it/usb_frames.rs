@@ -2,11 +2,7 @@
 
 use std::{thread, time::Duration};
 
-use erfgs_hardware_mocks::usb::{
-    FaultKind, Speed, U3vFaults, U3vOptions,
-    clock::ClockError,
-    u3v::STREAM,
-};
+use erfgs_hardware_mocks::usb::{FaultKind, Speed, U3vFaults, U3vOptions, clock::ClockError, u3v::STREAM};
 use erfgs_rig::host_time::host_ns;
 use erfgs_selftest::{
     CheckName as C,
@@ -19,7 +15,7 @@ use crate::{
 };
 
 #[test]
-fn frames_that_are_lost_or_damaged() {
+fn each_fault_of_usb_cameras_and_their_cables_is_found_by_its_name() {
     let cases: &[Case] = &[
         (
             "a packet is lost",
@@ -59,13 +55,6 @@ fn frames_that_are_lost_or_damaged() {
             },
             &[],
         ),
-    ];
-    each("free", 1000, cases);
-}
-
-#[test]
-fn frame_cameras_that_cannot_be_used_as_asked() {
-    let cases: &[Case] = &[
         (
             "no answers",
             |bench| bench.free(U3vFaults { lost_answers: (30..60).collect(), ..U3vFaults::default() }, &[]),
@@ -100,7 +89,8 @@ fn frame_cameras_that_cannot_be_used_as_asked() {
         (
             "halted",
             |bench| bench.free(U3vFaults::default(), &[(700, FaultKind::Stall { endpoint: STREAM })]),
-            &[(C::Losses, Fault)],
+            // Its driver opens it anew.
+            &[(C::Data, Fault), (C::Losses, Fault)],
         ),
     ];
     each("free", 1600, cases);
