@@ -1,4 +1,6 @@
-//! `erfgs devices`: what is connected that a rig can be made of.
+//! `erfgs devices`: what is connected that a rig can be made of, and whether a rig works.
+
+mod selftest;
 
 use std::net::Ipv4Addr;
 
@@ -11,7 +13,7 @@ use serde::Serialize;
 
 use crate::terminal::{Terminal, table};
 
-/// List the cameras and boards that a rig can be made of.
+/// List the cameras and boards that a rig can be made of, or test a rig.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -19,9 +21,18 @@ Examples:
   erfgs devices --probe
   erfgs devices --at 10.0.3.7
   erfgs devices --json | jq '.event_cameras[].serial'
+  erfgs devices --selftest RIG.toml                             a verdict a line, and selftest-DATE-TIME.json
+  erfgs devices --selftest RIG.toml --seconds 20 --out left.json
+  erfgs devices --selftest RIG.toml --json | jq -r '.checks[] | select(.verdict == \"fault\") | .found'
 
 RIG.toml selects devices by these serial numbers and ports (`erfgs record --example`). A device with a problem is listed with \
-its remedy.")]
+its remedy.
+
+The self-test opens each device, records it alone and with all others, and checks what no data sheet says of your rig: serial \
+numbers, words, clocks, losses, rates, buses, and whether pulses, frames and strobes belong together. The report is one file to \
+pass on; it holds settings and registers, and no pictures (--keep keeps the recordings). docs/reference/selftest.md lists the checks.
+
+Exit codes: 0 listed, or no fault found; 1 a fault; 2 wrong usage; 130 stopped by Ctrl-C.")]
 pub struct Arguments {
     /// Ask at the serial ports for trigger boards. Opening a port restarts an Arduino.
     #[arg(long)]
@@ -29,6 +40,8 @@ pub struct Arguments {
     /// Ask this address for a GigE Vision camera, too: broadcasts do not pass routers. May be given several times.
     #[arg(long, value_name = "ADDRESS")]
     at: Vec<Ipv4Addr>,
+    #[command(flatten)]
+    test: selftest::Arguments,
 }
 
 #[derive(Serialize)]
@@ -48,8 +61,11 @@ struct Port {
     answer: Option<String>,
 }
 
-/// Lists devices.
+/// Lists devices, or tests a rig of them.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    if let Some(rig) = &arguments.test.selftest {
+        return selftest::run(rig, &arguments.test, terminal);
+    }
     let mut problems = Vec::new();
     let event_cameras = event::list().unwrap_or_else(|error| {
         problems.push(format!("cannot search for event cameras: {error}"));

@@ -75,7 +75,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// List the cameras and boards that a rig can be made of.
+    /// List the cameras and boards that a rig can be made of, or test a rig.
     Devices(devices::Arguments),
     /// Record a rig of cameras into a session file.
     Record(record::Arguments),

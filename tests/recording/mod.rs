@@ -25,6 +25,8 @@ mod names;
 mod no_room;
 mod raw;
 mod rig;
+#[cfg(target_os = "linux")]
+mod selftest;
 mod session;
 mod split;
 mod told;

@@ -36,10 +36,11 @@ impl PtyBoard {
         let board = Arc::new(Mutex::new(Board::new(clock, faults, 0)));
         let stop = Arc::new(AtomicBool::new(false));
         let (shared, stopped) = (board.clone(), stop.clone());
+        // It has power from here on, however late its thread runs.
+        let began = Instant::now();
         let thread = std::thread::spawn(move || {
             // Held open, so that the terminal lives before a host opens it.
             let _slave = slave;
-            let began = Instant::now();
             let _ = master.set_timeout(Duration::from_millis(1));
             let mut buffer = [0; 256];
             while !stopped.load(Ordering::Relaxed) {

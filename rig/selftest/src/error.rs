@@ -14,7 +14,10 @@ pub enum SelftestError {
     NoDevices,
     /// No folder for the recordings.
     #[error("cannot make a folder for the recordings of the test: {0}")]
-    Folder(io::Error),
+    Scratch(io::Error),
+    /// No folder to keep the recordings in.
+    #[error(transparent)]
+    Keep(FileError),
     /// A recording cannot be made.
     #[error("cannot record for the test: {0}")]
     Record(#[from] RecordError),

@@ -124,7 +124,7 @@ pub enum ClockReport {
     Even {
         /// How much faster than it should, parts per million.
         ppm: f64,
-        /// Four standard deviations of that.
+        /// The truth is farther off by chance alone in one of ten thousand recordings.
         uncertainty_ppm: f64,
     },
     /// It jumped.

@@ -7,7 +7,7 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
-use erfgs_base::{calendar::DateTime, scratch::Scratch};
+use erfgs_base::{FileError, calendar::DateTime, scratch::Scratch};
 use erfgs_recorder::{DeviceConfig, DeviceSettings, Input, MachineFacts, RigConfig, open_on};
 use erfgs_rig::usb::Bus;
 use erfgs_session::source::Description;
@@ -60,12 +60,18 @@ pub fn run(
     if rig.devices.is_empty() {
         return Err(SelftestError::NoDevices);
     }
-    let scratch = match options.keep {
-        Some(_) => None,
-        None => Some(Scratch::new().map_err(SelftestError::Folder)?),
+    let scratch;
+    let folder = match &options.keep {
+        Some(keep) => {
+            std::fs::create_dir_all(keep)
+                .map_err(|error| SelftestError::Keep(FileError::when("make the folder", keep)(error)))?;
+            keep.as_path()
+        }
+        None => {
+            scratch = Scratch::new().map_err(SelftestError::Scratch)?;
+            scratch.path()
+        }
     };
-    let folder = options.keep.as_deref().or(scratch.as_ref().map(Scratch::path)).unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder).map_err(SelftestError::Folder)?;
     let made_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let test = Test { rig, bus, options, folder };
     let findings = test.find(told)?;

@@ -192,10 +192,8 @@ pub fn losses(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
         if let Some((holes, longest_us)) =
             observed.events.as_ref().and_then(|events| events.holes.count()).filter(|(holes, _)| *holes > 0)
         {
-            let found = format!(
-                "{holes} times no event between two packets for up to {:.1} ms, though they are dense within packets",
-                longest_us as f64 * 1e-3
-            );
+            let found =
+                format!("{holes} holes of up to {:.1} ms between packets of dense events", longest_us as f64 * 1e-3);
             return Some(Check::warning(LOSSES, found, ON_THE_WAY));
         }
         return Some(Check::ok(LOSSES, format!("none of {} packets", totals.packets)));

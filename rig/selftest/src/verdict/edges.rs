@@ -1,11 +1,11 @@
 //! Pulses at the trigger inputs of event cameras.
 
 use erfgs_events::Edge;
-use erfgs_session::clock::{Clock, Sample};
+use erfgs_session::clock::{Evidence, Sample};
 use erfgs_sync::{Board, Matched, fit_edges};
 use serde_json::Value;
 
-use super::{Seen, strobe};
+use super::{Seen, Spell, strobe};
 use crate::check::{Check, CheckName};
 
 const EDGES: CheckName = CheckName::TriggerEdges;
@@ -64,13 +64,26 @@ pub fn trigger_edges(seen: &Seen<'_>) -> Option<Check> {
         return Some(Check::not_tested(EDGES, why));
     }
     match fit_edges(&events.edges, board) {
-        Ok((clock, matched, samples)) if matched.matched > 0 => Some(numbered(board, &clock, matched, &samples)),
+        Ok((clock, matched, samples)) if matched.matched > 0 => {
+            let spread_ns = seen
+                .together()
+                .and_then(|spell| spread_ns(spell, &seen.tried.device.id))
+                .unwrap_or(clock.residuals.p95_ns);
+            Some(numbered(board, spread_ns, matched, &samples))
+        }
         _ => Some(unnumbered(seen, &events.edges, board)),
     }
 }
 
+/// How far edges lie from where the camera's clock has them, nanoseconds: of the parts between jumps of the clock, the worst.
+fn spread_ns(spell: &Spell<'_>, id: &str) -> Option<f64> {
+    let clocks = spell.recording.sync.stream(id)?.epochs.clocks();
+    let by_edges = clocks.filter(|clock| clock.evidence() == Some(Evidence::TriggerEdges));
+    by_edges.map(|clock| clock.residuals.p95_ns).max_by(f64::total_cmp)
+}
+
 /// Of edges that have the numbers of pulses.
-fn numbered(board: &Board, clock: &Clock, matched: Matched, samples: &[Sample]) -> Check {
+fn numbered(board: &Board, spread_ns: f64, matched: Matched, samples: &[Sample]) -> Check {
     let last_ns = samples.iter().map(|sample| sample.session_ns).max().unwrap_or(0);
     let end_ns =
         board.pulses.values().map(|pulse| board.rise_ns(pulse)).max().unwrap_or(0).saturating_sub(ON_THE_WAY_NS);
@@ -85,7 +98,6 @@ fn numbered(board: &Board, clock: &Clock, matched: Matched, samples: &[Sample]) 
         );
         return Check::fault(EDGES, found, format!("{WIRE}; a long wire without ground picks up edges of others"));
     }
-    let spread_ns = clock.residuals.p95_ns;
     let found = format!("{} of {expected} pulses, within {:.1} µs (95 %)", matched.matched, spread_ns / 1e3);
     if spread_ns > SPREAD_NS {
         return Check::warning(

@@ -7,6 +7,7 @@ mod bus;
 mod boards;
 mod ethernet;
 mod event_cameras;
+mod report;
 mod rig;
 mod simulated;
 mod sound;
