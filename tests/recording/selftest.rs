@@ -31,7 +31,7 @@ fn a_rig_without_a_fault_has_a_line_a_check_and_a_report() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     fs::write(folder.join("rig.toml"), PATTERNS).expect("written");
-    let words = "devices --selftest rig.toml --seconds 0.5";
+    let words = "devices --selftest rig.toml --seconds 1";
     let (code, text, notes) = test(folder, words);
     assert_eq!(code, Some(0), "{text}{notes}");
     for line in ["ok          eye     format ", "not-tested  rig     board-answers ", "0 faults, 0 warnings, "] {
@@ -67,7 +67,7 @@ fn a_fault_has_its_name_its_remedy_and_an_exit_code() {
         front.address()
     );
     fs::write(folder.join("rig.toml"), rig).expect("written");
-    let (code, text, notes) = test(folder, "devices --selftest rig.toml --seconds 0.7 --out a.json");
+    let (code, text, notes) = test(folder, "devices --selftest rig.toml --seconds 1 --out a.json");
     assert_eq!(code, Some(1), "{text}{notes}");
     assert!(notes.contains("the rig has 2 faults, listed in a.json"), "{notes}");
     let faults: Vec<&str> = text.lines().filter(|line| line.starts_with("fault ")).collect();

@@ -82,7 +82,7 @@ pub struct EventsSeen {
     pub edges: Vec<Edge>,
     /// Inertial samples, and the sum of their temperatures.
     pub imu_samples: u64,
-    imu_celsius: f64,
+    pub(crate) imu_celsius: f64,
     /// Time of the first and the last of all, microseconds of the camera.
     pub range_us: Option<[u64; 2]>,
     /// What was wrong with the words.
@@ -179,22 +179,7 @@ struct Gathering {
 
 impl Gathering {
     fn new(description: Description, decoder: Option<StreamDecoder>) -> Self {
-        let is_events = description.encoding.is_events();
-        let observed = Observed {
-            description,
-            totals: StreamTotals::default(),
-            arrivals_ns: Vec::new(),
-            frames_ns: Vec::new(),
-            stamped_by: None,
-            missing_frames: 0,
-            frame_problem: None,
-            clock: None,
-            events: is_events.then(EventsSeen::default),
-            board: None,
-            incidents: Vec::new(),
-            counters: Counters::default(),
-            dropped: BTreeMap::new(),
-        };
+        let observed = Observed::nothing(description);
         let (lines, reader) = (BoardLines::default(), Reader::new());
         Self { observed, decoder, lines, reader, counted: None, samples: vec![Vec::new()] }
     }
@@ -300,6 +285,26 @@ impl Gathering {
 }
 
 impl Observed {
+    /// Of a stream of which nothing came.
+    pub(crate) fn nothing(description: Description) -> Self {
+        let is_events = description.encoding.is_events();
+        Self {
+            description,
+            totals: StreamTotals::default(),
+            arrivals_ns: Vec::new(),
+            frames_ns: Vec::new(),
+            stamped_by: None,
+            missing_frames: 0,
+            frame_problem: None,
+            clock: None,
+            events: is_events.then(EventsSeen::default),
+            board: None,
+            incidents: Vec::new(),
+            counters: Counters::default(),
+            dropped: BTreeMap::new(),
+        }
+    }
+
     /// Whether the stream is of frames.
     #[must_use]
     pub fn is_frames(&self) -> bool {

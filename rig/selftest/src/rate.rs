@@ -70,6 +70,9 @@ impl RateFit {
             return Self::Stepped { by_ns };
         }
         let span_ns = least.last().map_or(0.0, |last| last.at_ns) - least[0].at_ns;
+        if span_ns <= 0.0 {
+            return Self::TooFew;
+        }
         // The standard deviation of the slope of a line through evenly spaced points, and that by leaving out each part of the
         // recording in turn: a host that is busy for a while is late in many windows alike.
         let by_scatter = from_line.max(FLOOR_NS) * (12.0 / least.len() as f64).sqrt() / span_ns;

@@ -76,7 +76,11 @@ pub fn record(
         thread::sleep(TURN.min(length.saturating_sub(begun.elapsed())));
     }
     // While they run: what they count is known by it, too.
-    let readings = devices.iter().map(|device| device.source.clone().readings().into_iter().collect()).collect();
+    let readings = |device: &&Opened| {
+        let readings = device.source.clone().readings();
+        readings.into_iter().filter(|(_, value)| value.is_finite()).collect()
+    };
+    let readings = devices.iter().map(readings).collect();
     let ended_ns = host_ns();
     recorder.stop_sources();
     let summary = recorder.stop_recording("the test is over").ok().or_else(|| recorder.last());

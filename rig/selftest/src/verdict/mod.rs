@@ -9,6 +9,8 @@ mod load;
 mod opened;
 mod strobe;
 mod temperature;
+#[cfg(test)]
+mod tests;
 
 use std::collections::BTreeMap;
 

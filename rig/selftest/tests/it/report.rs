@@ -21,7 +21,7 @@ fn rig(text: &str) -> RigConfig {
 }
 
 fn options(stop: &AtomicBool) -> Options<'_> {
-    Options { length: Duration::from_millis(500), keep: None, stop }
+    Options { length: Duration::from_millis(1000), keep: None, stop }
 }
 
 /// The names of all fields but of those that hold what devices call by names of their own.

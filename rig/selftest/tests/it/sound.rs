@@ -37,8 +37,9 @@ fn sound() -> Bench {
     bench
 }
 
-/// What a rig with all of it can test is tested, and right.
-fn all_right(tested: &Tested) {
+/// What a rig with all of it can test is tested, and right. `idle`: so is what needs a host that has time, as clocks do of which few
+/// arrivals tell.
+fn all_right(tested: &Tested, idle: bool) {
     assert_eq!(tested.complaints(), [], "\n{}", tested.lines());
     let ok = |device: &str, checks: &[CheckName]| {
         for check in checks {
@@ -54,21 +55,24 @@ fn all_right(tested: &Tested) {
     use CheckName as C;
     for device in ["left", "davis", "eye", "mono", "free"] {
         ok(device, &[C::Opened, C::SerialNumber, C::Settings, C::DriverWarnings, C::Data, C::Format, C::Losses]);
-        ok(device, &[C::ClockRate, C::ClockSteps, C::Temperature]);
+        ok(device, &[C::ClockSteps, C::Temperature]);
     }
     for device in ["left", "davis"] {
         ok(device, &[C::ClockReset, C::Bandwidth, C::TriggerEdges]);
     }
     ok("mono", &[C::WaitsForTrigger, C::FramePerPulse]);
     ok("free", &[C::FrameRate, C::Bandwidth, C::StrobeEdges]);
-    ok("board", &[C::Opened, C::Data, C::Format, C::Losses, C::ClockRate, C::BoardAnswers, C::Pulses]);
+    ok("board", &[C::Opened, C::Data, C::Format, C::Losses, C::BoardAnswers, C::Pulses]);
+    if idle {
+        ["left", "davis", "eye", "mono", "free", "board"].map(|device| ok(device, &[C::ClockRate]));
+    }
     assert_eq!(tested.verdict("eye", C::TriggerEdges), Some(Verdict::NotTested));
     assert!(tested.found("eye", C::TriggerEdges).contains("strobe of 'free'"), "{}", tested.lines());
 }
 
 #[test]
 fn a_sound_rig_has_no_fault_and_no_warning() {
-    all_right(&sound().test(700));
+    all_right(&sound().test(700), true);
 }
 
 #[test]
@@ -88,7 +92,7 @@ fn a_sound_rig_beside_a_busy_processor_has_no_fault_and_no_warning() {
     let tested = sound().test(700);
     done.store(true, Relaxed);
     busy.into_iter().for_each(|thread| thread.join().unwrap());
-    all_right(&tested);
+    all_right(&tested, false);
 }
 
 #[test]
