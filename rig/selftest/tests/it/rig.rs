@@ -67,7 +67,7 @@ impl Bench {
         }
     }
 
-    fn plug(&self, device: impl UsbDevice + Send + 'static, cable: &[(u64, FaultKind)]) {
+    fn plug(&self, device: impl UsbDevice + 'static, cable: &[(u64, FaultKind)]) {
         let schedule = cable.iter().map(|(at_ms, kind)| Fault { at_ms: *at_ms, kind: kind.clone() }).collect();
         let faults = Faults { schedule, ..Faults::default() };
         self.bus.add(Arc::new(Mutex::new(Plug::new(device, &faults))));
