@@ -11,7 +11,7 @@ use serde_json::Value;
 use crate::recording::{files::erfgs, rig::fail};
 
 const PATTERNS: &str = "[[pattern]]\nid = \"eye\"\ndelivers = \"events\"\nrate_hz = 50.0\n\
-                        [[pattern]]\nid = \"camera\"\ndelivers = \"frames\"\nwidth = 160\nheight = 120\n";
+                        [[pattern]]\nid = \"camera\"\ndelivers = \"frames\"\nwidth = 64\nheight = 64\n";
 
 /// Runs a test: the exit code, what it prints, and what it remarks.
 fn test(folder: &Path, words: &str) -> (Option<i32>, String, String) {

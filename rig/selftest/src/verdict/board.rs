@@ -9,7 +9,7 @@ use crate::check::{Check, CheckName};
 const ANSWERS: CheckName = CheckName::BoardAnswers;
 const PULSES: CheckName = CheckName::Pulses;
 /// Beyond this a board answers so late that its clock is badly known, nanoseconds.
-const LATE_NS: f64 = 5e6;
+const LATE_NS: f64 = 10e6;
 /// A command and its answer take this long on the serial line together, nanoseconds.
 const SERIAL_NS: f64 = 1.5e6;
 /// A board starts after all cameras: it gives at least this share of the pulses of the whole recording.
