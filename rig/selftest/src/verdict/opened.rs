@@ -13,9 +13,10 @@ const WARNINGS: CheckName = CheckName::DriverWarnings;
 /// Warnings that are repeated in full.
 const MAX_WARNINGS: usize = 4;
 
-/// A device that cannot be opened. Its driver says what to do.
+/// A device that cannot be opened. Its driver says what is wrong in a sentence, and what to do in the next.
 pub fn refused(reason: &str) -> Check {
-    Check::fault(OPENED, format!("cannot be opened: {reason}"), "`erfgs devices` lists what is plugged in")
+    let (wrong, remedy) = reason.split_once(". ").unwrap_or((reason, "`erfgs devices` lists what is plugged in"));
+    Check::fault(OPENED, format!("cannot be opened: {wrong}"), remedy)
 }
 
 pub fn opened(seen: &Seen<'_>) -> Check {

@@ -251,9 +251,10 @@ fn a_device_that_keeps_all_from_starting_is_named_at_each_of_them() {
     assert!(b.verdict == Fault && b.found.contains("no memory"), "{b:?}");
     let a = check(&findings, "a", CheckName::Data);
     assert!(a.verdict == NotTested && a.found.contains("'b' did not start"), "{a:?}");
-    findings.devices[0].opened = Err("no such camera".into());
+    findings.devices[0].opened = Err("no such camera. Check the cable".into());
     let a = check(&findings, "a", CheckName::Opened);
-    assert!(a.verdict == Fault && a.found.contains("no such camera"), "{a:?}");
+    assert_eq!((a.verdict, a.remedy.as_str()), (Fault, "Check the cable"));
+    assert_eq!(a.found, "cannot be opened: no such camera");
     assert_eq!(judge(&findings).iter().filter(|check| check.device == "a").count(), 1);
 }
 
