@@ -12,8 +12,8 @@ const LOSSES: CheckName = CheckName::Losses;
 const PAUSE_S: f64 = 0.5;
 /// A stream of frames is silent for so many periods before that is said.
 const PERIODS: f64 = 6.0;
-/// Words before the first time or row of a stream, which began before it was listened to.
-const USUAL_AT_BEGIN: u64 = 1000;
+/// Events before the first time or row of a stream, which began before it was listened to, and behind each break: a row's.
+const USUAL_AT_BEGIN: u64 = 2000;
 /// If so large a share of all items cannot be right, it is not a damaged word but another order of them.
 const OTHER_ORDER: f64 = 0.05;
 const ON_THE_WAY: &str =
@@ -123,7 +123,8 @@ pub fn format(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
     let at_begin = anomalies.undated + anomalies.no_row + anomalies.no_base;
     let wrong =
         anomalies.outside + anomalies.unknown + anomalies.incomplete + anomalies.damaged + anomalies.truncated_bytes;
-    let wrong = wrong + if at_begin > USUAL_AT_BEGIN { at_begin } else { 0 };
+    let begins = observed.totals.discontinuities.saturating_add(1);
+    let wrong = wrong + if at_begin > USUAL_AT_BEGIN.saturating_mul(begins) { at_begin } else { 0 };
     let items = events.events + events.edges.len() as u64 + events.imu_samples;
     if wrong as f64 > OTHER_ORDER * (items + wrong) as f64 {
         let found = format!(

@@ -105,6 +105,12 @@ fn words_that_cannot_be_right_are_told_from_their_order() {
     let format = |change: fn(&mut EventsSeen)| on_eye(CheckName::Format, |eye| change(eye.events.as_mut().unwrap()));
     assert_eq!(format(|_| {}).verdict, Good);
     assert_eq!(format(|events| events.anomalies.undated = 40).verdict, Good);
+    assert_eq!(format(|events| events.anomalies.no_row = 3000).verdict, Fault);
+    let behind_a_break = on_eye(CheckName::Format, |eye| {
+        eye.totals.discontinuities = 1;
+        eye.events.as_mut().unwrap().anomalies.no_row = 3000;
+    });
+    assert_eq!(behind_a_break.verdict, Good);
     let one = format(|events| events.anomalies.unknown = 1);
     assert!(one.verdict == Fault && one.found.contains("damaged or missing"), "{one:?}");
     let order = format(|events| events.anomalies.outside = 4000);
