@@ -63,7 +63,7 @@ pub fn run(path: &Path, arguments: &Arguments, terminal: &Terminal) -> anyhow::R
     };
     let mut last = String::new();
     let mut tell = |step: Step<'_>| {
-        let text = told(step, arguments.seconds);
+        let text = describe(step, arguments.seconds);
         if text != last {
             terminal.note(&text);
             last = text;
@@ -73,7 +73,7 @@ pub fn run(path: &Path, arguments: &Arguments, terminal: &Terminal) -> anyhow::R
         Err(error @ SelftestError::Stopped) => return Err(Stopped(error.to_string()).into()),
         report => report?,
     };
-    // What was found is said, even if it cannot be written.
+    // What was found is printed, even if it cannot be written.
     let saved = report.save(&out);
     terminal.result(&report, || text(&report, &out))?;
     saved?;
@@ -84,7 +84,7 @@ pub fn run(path: &Path, arguments: &Arguments, terminal: &Terminal) -> anyhow::R
     Ok(())
 }
 
-fn told(step: Step<'_>, seconds: f64) -> String {
+fn describe(step: Step<'_>, seconds: f64) -> String {
     match step {
         Step::Opening { device } => format!("opening {device}"),
         Step::Recording { device: Some(device), .. } => format!("recording {device} alone, {seconds} s"),

@@ -91,6 +91,6 @@ fn a_test_that_cannot_be_made_says_why() {
     assert!(fail(folder, 2, "devices --out a.json").contains("--selftest"));
     assert!(fail(folder, 2, "devices --selftest none.toml").contains("none.toml names no devices"));
     assert!(fail(folder, 1, "devices --selftest absent.toml").contains("absent.toml"));
-    let said = fail(folder, 1, "devices --selftest rig.toml --seconds 0.5 --out rig.toml/a.json");
-    assert!(said.contains("rig.toml/a.json"), "{said}");
+    let message = fail(folder, 1, "devices --selftest rig.toml --seconds 0.5 --out rig.toml/a.json");
+    assert!(message.contains("rig.toml/a.json"), "{message}");
 }

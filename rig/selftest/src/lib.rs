@@ -6,7 +6,7 @@
 //!
 //! Recording and opening are those of `erfgs-recorder`, clocks and pulses those of `erfgs-sync`. What is new here are the
 //! verdicts: pure functions from what was observed to [`Check`]s, so that a recording of another machine can be judged, too.
-//! What a rig gives no chance to test is said to be not tested, with the reason, and never to be right.
+//! What a rig gives no chance to test is `not-tested`, with the reason, and never `ok`.
 
 mod bus;
 mod check;
@@ -25,8 +25,8 @@ pub use check::{Check, CheckName, Verdict, worst};
 pub use error::SelftestError;
 pub use histogram::{Bin, Intervals};
 pub use holes::Holes;
-pub use observe::{BoardSeen, EventsSeen, Observed, Recording, observe};
+pub use observe::{Observed, ObservedBoard, ObservedEvents, Recording, observe};
 pub use rate::{Rate, RateFit};
 pub use report::{ClockReport, DeviceReport, RecordedReport, Report};
 pub use run::{Options, Step, run};
-pub use verdict::{Alone, Findings, Together, Tried, judge};
+pub use verdict::{Alone, DeviceFindings, Findings, Together, judge};

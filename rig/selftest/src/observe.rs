@@ -60,9 +60,9 @@ pub struct Observed {
     /// The device's own clock against arrivals; `None` where the stream has no time of its own.
     pub clock: Option<RateFit>,
     /// Of an event camera.
-    pub events: Option<EventsSeen>,
+    pub events: Option<ObservedEvents>,
     /// Of a trigger board.
-    pub board: Option<BoardSeen>,
+    pub board: Option<ObservedBoard>,
     /// What its driver reported.
     pub incidents: Vec<Incident>,
     /// What its driver counted, where the recorder was one.
@@ -73,7 +73,7 @@ pub struct Observed {
 
 /// What was decoded of an event camera.
 #[derive(Debug, Default)]
-pub struct EventsSeen {
+pub struct ObservedEvents {
     /// Events, and those that brighten.
     pub events: u64,
     /// Of them, brighter.
@@ -87,13 +87,13 @@ pub struct EventsSeen {
     pub range_us: Option<[u64; 2]>,
     /// What was wrong with the words.
     pub anomalies: Anomalies,
-    /// Breaks of the camera's time of which the driver said nothing.
+    /// Breaks of the camera's time that the driver did not report.
     pub unexplained_breaks: u64,
     /// Places between two packets at which events are missing.
     pub holes: Holes,
 }
 
-impl EventsSeen {
+impl ObservedEvents {
     /// Mean temperature of the inertial unit, degrees Celsius.
     #[must_use]
     pub fn imu_celsius(&self) -> Option<f64> {
@@ -113,10 +113,10 @@ impl EventsSeen {
     }
 }
 
-/// What a trigger board told.
+/// What a trigger board sent.
 #[derive(Debug)]
-pub struct BoardSeen {
-    /// Its pulses and its clock; `None` if it told no time.
+pub struct ObservedBoard {
+    /// Its pulses and its clock; `None` if no line has a time.
     pub board: Option<Board>,
     /// Lines that cannot be read, the first half line not counted.
     pub damaged_lines: u64,
@@ -224,9 +224,9 @@ impl Gathering {
     fn take_events(&mut self, packet: &Packet, arrived_ns: i64, is_first: bool) {
         let (Some(decoder), Some(events)) = (&mut self.decoder, &mut self.observed.events) else { return };
         hand_over(decoder, packet, !is_first);
-        let mut found = Found::new(events);
+        let mut found = PacketSink::new(events);
         decoder.decode(&packet.payload, &mut found);
-        let Found { last_us, breaks, span_us, longest_us, .. } = found;
+        let PacketSink { last_us, breaks, span_us, longest_us, .. } = found;
         let whole = breaks == 0 && !packet.discontinuity;
         events.holes.take(span_us.filter(|_| whole), longest_us);
         if breaks > 0 && !packet.discontinuity && !is_first {
@@ -266,7 +266,7 @@ impl Gathering {
     fn finish(self) -> Observed {
         let Self { mut observed, decoder, lines, reader, samples, .. } = self;
         if let (Some(events), Some(mut decoder)) = (&mut observed.events, decoder) {
-            decoder.finish(&mut Found::new(events));
+            decoder.finish(&mut PacketSink::new(events));
             events.anomalies = decoder.anomalies();
         }
         let ns_per_tick = match observed.description.encoding {
@@ -278,7 +278,7 @@ impl Gathering {
         let longest = samples.iter().max_by_key(|samples| samples.len()).filter(|samples| !samples.is_empty());
         observed.clock = longest.map(|samples| RateFit::of(samples, ns_per_tick));
         if observed.description.encoding == Encoding::TriggerLines {
-            observed.board = Some(BoardSeen { damaged_lines: reader.damaged(), board: lines.finish().ok() });
+            observed.board = Some(ObservedBoard { damaged_lines: reader.damaged(), board: lines.finish().ok() });
         }
         observed
     }
@@ -297,7 +297,7 @@ impl Observed {
             missing_frames: 0,
             frame_problem: None,
             clock: None,
-            events: is_events.then(EventsSeen::default),
+            events: is_events.then(ObservedEvents::default),
             board: None,
             incidents: Vec::new(),
             counters: Counters::default(),
@@ -317,7 +317,7 @@ impl Observed {
         if self.is_frames() {
             return ("frames", Intervals::of(&self.frames_ns));
         }
-        if let Some(board) = self.board.as_ref().and_then(|seen| seen.board.as_ref()) {
+        if let Some(board) = self.board.as_ref().and_then(|lines| lines.board.as_ref()) {
             let rises: Vec<i64> = board.pulses.values().map(|pulse| board.rise_ns(pulse)).collect();
             return ("pulses", Intervals::of(&rises));
         }
@@ -353,8 +353,8 @@ impl Observed {
 }
 
 /// What the decoder finds in a packet.
-struct Found<'a> {
-    events: &'a mut EventsSeen,
+struct PacketSink<'a> {
+    events: &'a mut ObservedEvents,
     last_us: Option<u64>,
     breaks: u64,
     /// The first and the last event, and the longest time between two, microseconds.
@@ -362,8 +362,8 @@ struct Found<'a> {
     longest_us: u64,
 }
 
-impl<'a> Found<'a> {
-    fn new(events: &'a mut EventsSeen) -> Self {
+impl<'a> PacketSink<'a> {
+    fn new(events: &'a mut ObservedEvents) -> Self {
         Self { events, last_us: None, breaks: 0, span_us: None, longest_us: 0 }
     }
 
@@ -379,7 +379,7 @@ impl<'a> Found<'a> {
     }
 }
 
-impl Sink for Found<'_> {
+impl Sink for PacketSink<'_> {
     fn event(&mut self, event: CdEvent) {
         self.saw(event.t_us);
         self.event_at(event.t_us);

@@ -20,7 +20,7 @@ use crate::{
 
 /// Space of the disk that the test leaves free, bytes.
 const RESERVE_BYTES: u64 = 64 << 20;
-/// How often progress is told.
+/// How often progress is progress.
 const TURN: Duration = Duration::from_millis(50);
 
 /// A device that is open.
@@ -30,7 +30,7 @@ pub struct Opened {
 }
 
 /// What became of a recording.
-pub enum Made {
+pub enum Outcome {
     /// It was made, and the devices measured this of themselves meanwhile.
     Recorded(Box<Recording>, Vec<BTreeMap<String, f64>>),
     /// A device did not start.
@@ -42,15 +42,15 @@ pub enum Made {
     },
 }
 
-/// Records devices for so long into a session at `path`. `told` hears which share of it is done.
+/// Records devices for so long into a session at `path`. `progress` is called with the share of it that is done.
 pub fn record(
     rig: &RigConfig,
     devices: &[&Opened],
     path: &Path,
     length: Duration,
     stop: &AtomicBool,
-    told: &mut dyn FnMut(f64),
-) -> Result<Made, SelftestError> {
+    progress: &mut dyn FnMut(f64),
+) -> Result<Outcome, SelftestError> {
     let inputs = devices.iter().map(|device| Input {
         source: Box::new(device.source.clone()),
         queue_bytes: device.queue_bytes,
@@ -63,7 +63,7 @@ pub fn record(
         Err(RecordError::Start { id, source, .. }) => {
             drop(recorder);
             let _ = std::fs::remove_file(path);
-            return Ok(Made::NotStarted { device: id, reason: source.to_string() });
+            return Ok(Outcome::NotStarted { device: id, reason: source.to_string() });
         }
         Err(error) => return Err(error.into()),
     }
@@ -72,7 +72,7 @@ pub fn record(
         if stop.load(Ordering::SeqCst) {
             return Err(SelftestError::Stopped);
         }
-        told((begun.elapsed().as_secs_f64() / length.as_secs_f64()).min(1.0));
+        progress((begun.elapsed().as_secs_f64() / length.as_secs_f64()).min(1.0));
         thread::sleep(TURN.min(length.saturating_sub(begun.elapsed())));
     }
     // While they run: what they count is known by it, too.
@@ -90,7 +90,7 @@ pub fn record(
         return Err(ended(failure));
     }
     let recording = observe(&mut Session::open(path)?, Some(ended_ns))?;
-    Ok(Made::Recorded(Box::new(recording), readings))
+    Ok(Outcome::Recorded(Box::new(recording), readings))
 }
 
 fn options(rig: &RigConfig, path: &Path) -> Options {

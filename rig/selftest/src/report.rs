@@ -152,7 +152,7 @@ impl RecordedReport {
     pub fn of(recording: &Recording, observed: &Observed) -> Self {
         let (between, intervals) = observed.intervals();
         let events = observed.events.as_ref();
-        let board = observed.board.as_ref().and_then(|seen| seen.board.as_ref());
+        let board = observed.board.as_ref().and_then(|lines| lines.board.as_ref());
         Self {
             seconds: recording.seconds,
             packets: observed.totals.packets,

@@ -14,10 +14,10 @@ use erfgs_session::source::Description;
 
 use crate::{
     error::SelftestError,
-    record::{Made, Opened, record},
+    record::{Opened, Outcome, record},
     report::{DeviceReport, RecordedReport, Report, VERSION},
     shared::SharedSource,
-    verdict::{Alone, Findings, Together, Tried, judge},
+    verdict::{Alone, DeviceFindings, Findings, Together, judge},
 };
 
 /// How a rig is tested.
@@ -47,7 +47,7 @@ pub enum Step<'a> {
     },
 }
 
-/// Tests a rig, with the USB devices of `bus`. `told` hears of each step.
+/// Tests a rig, with the USB devices of `bus`. `progress` is called with each step.
 ///
 /// # Errors
 /// If nothing can be recorded on this machine. What is wrong with a device is in the report.
@@ -55,7 +55,7 @@ pub fn run(
     rig: &RigConfig,
     bus: &Arc<dyn Bus>,
     options: &Options<'_>,
-    told: &mut dyn FnMut(Step<'_>),
+    progress: &mut dyn FnMut(Step<'_>),
 ) -> Result<Report, SelftestError> {
     if rig.devices.is_empty() {
         return Err(SelftestError::NoDevices);
@@ -74,7 +74,7 @@ pub fn run(
     };
     let made_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let test = Test { rig, bus, options, folder };
-    let findings = test.find(told)?;
+    let findings = test.find(progress)?;
     let mut machine = MachineFacts::gather();
     machine.remove("host");
     Ok(Report {
@@ -87,7 +87,7 @@ pub fn run(
         configuration: rig.text.clone(),
         seconds: options.length.as_secs_f64(),
         checks: judge(&findings),
-        devices: findings.devices.iter().map(|tried| of_device(tried, &findings.together)).collect(),
+        devices: findings.devices.iter().map(|entry| of_device(entry, &findings.together)).collect(),
     })
 }
 
@@ -100,34 +100,34 @@ struct Test<'a> {
 }
 
 impl Test<'_> {
-    fn find(&self, told: &mut dyn FnMut(Step<'_>)) -> Result<Findings, SelftestError> {
+    fn find(&self, progress: &mut dyn FnMut(Step<'_>)) -> Result<Findings, SelftestError> {
         let mut devices = Vec::new();
         let mut opened = Vec::new();
         for device in &self.rig.devices {
-            told(Step::Opening { device: &device.id });
-            let tried = self.open(device);
-            devices.push(Tried {
+            progress(Step::Opening { device: &device.id });
+            let open = self.open(device);
+            devices.push(DeviceFindings {
                 device: device.clone(),
-                opened: tried.as_ref().map(|device| device.source.now()).map_err(Clone::clone),
+                opened: open.as_ref().map(|device| device.source.now()).map_err(Clone::clone),
                 alone: Alone::Skipped("it was not recorded alone".into()),
                 warnings: Vec::new(),
                 readings: BTreeMap::new(),
             });
-            opened.push(tried.ok());
+            opened.push(open.ok());
         }
         let several = opened.iter().flatten().count() > 1;
-        for (tried, opened) in devices.iter_mut().zip(&opened) {
-            let (Some(opened), Ok(description)) = (opened, &tried.opened) else { continue };
-            tried.alone = match skipped(&tried.device, description, several) {
+        for (entry, opened) in devices.iter_mut().zip(&opened) {
+            let (Some(opened), Ok(description)) = (opened, &entry.opened) else { continue };
+            entry.alone = match skipped(&entry.device, description, several) {
                 Some(why) => Alone::Skipped(why.into()),
-                None => self.alone(&tried.device.id, opened, told)?,
+                None => self.alone(&entry.device.id, opened, progress)?,
             };
         }
-        let together = self.together(&mut devices, &opened, told)?;
-        for (tried, opened) in devices.iter_mut().zip(&opened) {
+        let together = self.together(&mut devices, &opened, progress)?;
+        for (entry, opened) in devices.iter_mut().zip(&opened) {
             if let Some(opened) = opened {
-                tried.warnings = opened.source.warnings();
-                tried.opened = Ok(opened.source.now());
+                entry.warnings = opened.source.warnings();
+                entry.opened = Ok(opened.source.now());
             }
         }
         Ok(Findings { devices, together })
@@ -136,30 +136,30 @@ impl Test<'_> {
     /// Records all devices that start.
     fn together(
         &self,
-        devices: &mut [Tried],
+        devices: &mut [DeviceFindings],
         opened: &[Option<Opened>],
-        told: &mut dyn FnMut(Step<'_>),
+        progress: &mut dyn FnMut(Step<'_>),
     ) -> Result<Together, SelftestError> {
         // A device that does not start alone would keep all others from starting.
-        let starts = |tried: &Tried| !matches!(tried.alone, Alone::NotStarted(_));
+        let starts = |entry: &DeviceFindings| !matches!(entry.alone, Alone::NotStarted(_));
         let (all, places): (Vec<&Opened>, Vec<usize>) = (opened.iter().zip(&*devices).enumerate())
-            .filter_map(|(place, (opened, tried))| Some((opened.as_ref().filter(|_| starts(tried))?, place)))
+            .filter_map(|(place, (opened, entry))| Some((opened.as_ref().filter(|_| starts(entry))?, place)))
             .unzip();
         if all.is_empty() {
             return Ok(Together::NotMade);
         }
         let path = self.folder.join("together.mcap");
         let made = record(self.rig, &all, &path, self.options.length, self.options.stop, &mut |share| {
-            told(Step::Recording { device: None, share });
+            progress(Step::Recording { device: None, share });
         })?;
         Ok(match made {
-            Made::Recorded(recording, readings) => {
+            Outcome::Recorded(recording, readings) => {
                 for (place, readings) in places.into_iter().zip(readings) {
                     devices[place].readings = readings;
                 }
                 Together::Recorded(recording)
             }
-            Made::NotStarted { device, reason } => Together::NotStarted { device, reason },
+            Outcome::NotStarted { device, reason } => Together::NotStarted { device, reason },
         })
     }
 
@@ -172,13 +172,13 @@ impl Test<'_> {
         Ok(Opened { source: SharedSource::new(source), queue_bytes })
     }
 
-    fn alone(&self, id: &str, device: &Opened, told: &mut dyn FnMut(Step<'_>)) -> Result<Alone, SelftestError> {
+    fn alone(&self, id: &str, device: &Opened, progress: &mut dyn FnMut(Step<'_>)) -> Result<Alone, SelftestError> {
         let path = self.folder.join(format!("alone-{id}.mcap"));
-        let mut of_device = |share| told(Step::Recording { device: Some(id), share });
+        let mut of_device = |share| progress(Step::Recording { device: Some(id), share });
         let made = record(self.rig, &[device], &path, self.options.length, self.options.stop, &mut of_device)?;
         Ok(match made {
-            Made::Recorded(recording, _) => Alone::Recorded(recording),
-            Made::NotStarted { reason, .. } => Alone::NotStarted(reason),
+            Outcome::Recorded(recording, _) => Alone::Recorded(recording),
+            Outcome::NotStarted { reason, .. } => Alone::NotStarted(reason),
         })
     }
 }
@@ -199,14 +199,14 @@ fn skipped(device: &DeviceConfig, description: &Description, several: bool) -> O
     }
 }
 
-fn of_device(tried: &Tried, together: &Together) -> DeviceReport {
-    let id = &tried.device.id;
+fn of_device(entry: &DeviceFindings, together: &Together) -> DeviceReport {
+    let id = &entry.device.id;
     let of = |recording| RecordedReport::of(recording, recording.stream(id)?).into();
     DeviceReport {
         id: id.clone(),
-        description: tried.opened.as_ref().ok().cloned(),
-        readings: tried.readings.clone(),
-        alone: if let Alone::Recorded(recording) = &tried.alone { of(recording) } else { None },
+        description: entry.opened.as_ref().ok().cloned(),
+        readings: entry.readings.clone(),
+        alone: if let Alone::Recorded(recording) = &entry.alone { of(recording) } else { None },
         together: if let Together::Recorded(recording) = together { of(recording) } else { None },
     }
 }

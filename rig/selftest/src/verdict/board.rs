@@ -3,7 +3,7 @@
 use erfgs_session::source::Encoding;
 use erfgs_sync::Bounds;
 
-use super::Seen;
+use super::Subject;
 use crate::check::{Check, CheckName};
 
 const ANSWERS: CheckName = CheckName::BoardAnswers;
@@ -17,14 +17,14 @@ const FEWEST: f64 = 0.3;
 /// The period that the board tells is exact but for a tick.
 const OFF_TICKS: f64 = 2.0;
 
-fn is_board(seen: &Seen<'_>) -> bool {
-    seen.description.encoding == Encoding::TriggerLines
+fn is_board(subject: &Subject<'_>) -> bool {
+    subject.description.encoding == Encoding::TriggerLines
 }
 
-pub fn answers(seen: &Seen<'_>) -> Option<Check> {
-    let spell = seen.together().filter(|_| is_board(seen))?;
-    let Some(board) = spell.observed.board.as_ref().and_then(|seen| seen.board.as_ref()) else {
-        let found = "it told no time";
+pub fn answers(subject: &Subject<'_>) -> Option<Check> {
+    let recorded = subject.together().filter(|_| is_board(subject))?;
+    let Some(board) = recorded.observed.board.as_ref().and_then(|lines| lines.board.as_ref()) else {
+        let found = "none of its lines has a time";
         return Some(Check::fault(ANSWERS, found, "press the board's reset button, or flash its firmware again"));
     };
     if board.resets > 0 {
@@ -58,13 +58,13 @@ pub fn answers(seen: &Seen<'_>) -> Option<Check> {
     })
 }
 
-pub fn pulses(seen: &Seen<'_>) -> Option<Check> {
-    let spell = seen.together().filter(|_| is_board(seen))?;
-    let setting = |name: &str| spell.observed.description.settings.get(name)?.as_f64();
+pub fn pulses(subject: &Subject<'_>) -> Option<Check> {
+    let recorded = subject.together().filter(|_| is_board(subject))?;
+    let setting = |name: &str| recorded.observed.description.settings.get(name)?.as_f64();
     let (rate_hz, period) = (setting("rate_hz")?, setting("period_ticks")?);
-    let board = spell.observed.board.as_ref().and_then(|seen| seen.board.as_ref());
+    let board = recorded.observed.board.as_ref().and_then(|lines| lines.board.as_ref());
     let given = board.map_or(0, |board| board.pulses.len() as u64);
-    let expected = rate_hz * spell.recording.seconds;
+    let expected = rate_hz * recorded.recording.seconds;
     let Some(board) = board.filter(|_| given as f64 >= FEWEST * expected && given > 0) else {
         if expected < 2.0 {
             let why = format!("{given} pulses at {rate_hz:.2} Hz are too few; test for longer (--seconds)");

@@ -3,7 +3,7 @@
 use erfgs_session::source::StampClock;
 use serde_json::Value;
 
-use super::{Seen, Spell};
+use super::{Recorded, Subject};
 use crate::{
     check::{Check, CheckName},
     rate::RateFit,
@@ -21,8 +21,8 @@ const USELESS_PPM: f64 = 20_000.0;
 /// A device that was set to zero may have run for so long before its first event, seconds.
 const AFTER_RESET_S: f64 = 1.0;
 
-pub fn rate(_: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
-    let observed = spell.observed;
+pub fn rate(_: &Subject<'_>, recorded: &Recorded<'_>) -> Option<Check> {
+    let observed = recorded.observed;
     if observed.totals.packets == 0 {
         return None;
     }
@@ -57,8 +57,8 @@ pub fn rate(_: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
     })
 }
 
-pub fn steps(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
-    let observed = spell.observed;
+pub fn steps(subject: &Subject<'_>, recorded: &Recorded<'_>) -> Option<Check> {
+    let observed = recorded.observed;
     let events = observed.events.as_ref();
     let remedy = "look at the cable of the synchronisation chain, if there is one; send this report to the developers";
     if let Some(RateFit::Stepped { by_ns }) = observed.clock {
@@ -75,7 +75,7 @@ pub fn steps(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
         }
     }
     // Against the board's pulses smaller jumps show, which split the stream into parts.
-    let sync = spell.recording.sync.stream(&seen.tried.device.id);
+    let sync = recorded.recording.sync.stream(&subject.entry.device.id);
     let parts = sync.map_or(0, |sync| sync.epochs.as_slice().len()) as u64;
     if parts > 1 + observed.totals.discontinuities && events.is_some() {
         let found = format!("the clock jumped {} times against the pulses of the trigger board", parts - 1);
@@ -94,10 +94,10 @@ pub fn steps(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
     }
 }
 
-pub fn reset(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
-    let observed = spell.observed;
+pub fn reset(subject: &Subject<'_>, recorded: &Recorded<'_>) -> Option<Check> {
+    let observed = recorded.observed;
     let events = observed.events.as_ref()?;
-    let setting = |name: &str| seen.description.settings.get(name);
+    let setting = |name: &str| subject.description.settings.get(name);
     if setting("timestamps").and_then(Value::as_str) == Some("keep") {
         return Some(Check::not_tested(RESET, "the rig asks that it goes on (timestamps = \"keep\")"));
     }

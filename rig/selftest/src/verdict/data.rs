@@ -2,7 +2,7 @@
 
 use erfgs_session::source::{Encoding, Incident};
 
-use super::{Alone, Seen, Spell, Together};
+use super::{Alone, Recorded, Subject, Together};
 use crate::check::{Check, CheckName};
 
 const DATA: CheckName = CheckName::Data;
@@ -10,7 +10,7 @@ const FORMAT: CheckName = CheckName::Format;
 const LOSSES: CheckName = CheckName::Losses;
 /// A stream that is silent for longer has paused, or ended, seconds. A host that is busy may read so late, too.
 const PAUSE_S: f64 = 0.5;
-/// A stream of frames is silent for so many periods before that is said.
+/// A stream of frames is silent for so many periods before that counts.
 const PERIODS: f64 = 6.0;
 /// Events before the first time or row of a stream, which began before it was listened to, and behind each break: a row's.
 const USUAL_AT_BEGIN: u64 = 2000;
@@ -22,8 +22,8 @@ const ON_THE_WAY: &str =
 const BOTH_POLARITIES: u64 = 1000;
 
 /// A device that does not start, or cannot because another one does not.
-pub fn started(seen: &Seen<'_>) -> Option<Check> {
-    let id = &seen.tried.device.id;
+pub fn started(subject: &Subject<'_>) -> Option<Check> {
+    let id = &subject.entry.device.id;
     let not_started = |reason: &str| {
         Check::fault(
             DATA,
@@ -31,33 +31,33 @@ pub fn started(seen: &Seen<'_>) -> Option<Check> {
             "unplug it and plug it in again; if that does not help, see the guide",
         )
     };
-    if let Alone::NotStarted(reason) = &seen.tried.alone {
+    if let Alone::NotStarted(reason) = &subject.entry.alone {
         return Some(not_started(reason));
     }
-    match &seen.findings.together {
+    match &subject.findings.together {
         Together::NotStarted { device, reason } if device == id => Some(not_started(reason)),
-        Together::NotStarted { device, .. } if seen.spells.is_empty() => {
+        Together::NotStarted { device, .. } if subject.recordings.is_empty() => {
             Some(Check::not_tested(DATA, format!("'{device}' did not start, so that nothing was recorded")))
         }
-        _ if seen.spells.is_empty() => Some(Check::not_tested(DATA, "it was not recorded")),
+        _ if subject.recordings.is_empty() => Some(Check::not_tested(DATA, "it was not recorded")),
         _ => None,
     }
 }
 
 /// How often something comes at least, seconds; `None` where nothing can be expected.
-fn period_s(seen: &Seen<'_>) -> Option<f64> {
-    let rate = |name: &str| seen.description.settings.get(name)?.as_f64().filter(|hz| *hz > 0.0);
-    match seen.description.encoding {
+fn period_s(subject: &Subject<'_>) -> Option<f64> {
+    let rate = |name: &str| subject.description.settings.get(name)?.as_f64().filter(|hz| *hz > 0.0);
+    match subject.description.encoding {
         // Pulses decide.
-        _ if seen.description.is_triggered() => None,
+        _ if subject.description.is_triggered() => None,
         Encoding::TriggerLines => Some(1.0 / rate("rate_hz")?),
         encoding if encoding.is_events() => Some(0.0),
         _ => Some(1.0 / rate("rate_hz").or(rate("asked_rate_hz"))?),
     }
 }
 
-pub fn data(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
-    let Spell { recording, observed, .. } = spell;
+pub fn data(subject: &Subject<'_>, recorded: &Recorded<'_>) -> Option<Check> {
+    let Recorded { recording, observed, .. } = recorded;
     let packets = observed.totals.packets;
     let lost = observed.incidents.iter().find_map(|incident| match incident {
         Incident::Lost { reason } => Some(reason),
@@ -67,14 +67,14 @@ pub fn data(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
         return Some(Check::fault(DATA, format!("the device was lost: {reason}"), "check cable, hub and power supply"));
     }
     if packets == 0 {
-        if seen.description.is_triggered() {
+        if subject.description.is_triggered() {
             return Some(Check::not_tested(DATA, "it waits for pulses: see frame-per-pulse"));
         }
         let found = format!("nothing came in {:.1} s", recording.seconds);
         return Some(Check::fault(DATA, found, "check the cable, then unplug the device and plug it in again"));
     }
     let ok = || Some(Check::ok(DATA, format!("{packets} packets, {}", bytes(observed.totals.bytes as f64))));
-    let Some(period_s) = period_s(seen) else { return ok() };
+    let Some(period_s) = period_s(subject) else { return ok() };
     let longest_s = PAUSE_S.max(PERIODS * period_s);
     let last_s = observed.arrivals_ns.last().map_or(0.0, |&ns| ns as f64 * 1e-9);
     let silent_s = recording.seconds - last_s;
@@ -91,12 +91,12 @@ pub fn data(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
     ok()
 }
 
-pub fn format(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
-    let observed = spell.observed;
+pub fn format(subject: &Subject<'_>, recorded: &Recorded<'_>) -> Option<Check> {
+    let observed = recorded.observed;
     if observed.totals.packets == 0 {
         return Some(Check::not_tested(FORMAT, "nothing came"));
     }
-    let name = seen.description.encoding.name();
+    let name = subject.description.encoding.name();
     if let Some(board) = &observed.board {
         let found = format!("{} damaged lines", board.damaged_lines);
         return Some(if board.damaged_lines > 0 {
@@ -157,8 +157,8 @@ fn other_format() -> &'static str {
     "send this report to the developers; meanwhile set another format, if the device has one"
 }
 
-pub fn losses(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
-    let observed = spell.observed;
+pub fn losses(subject: &Subject<'_>, recorded: &Recorded<'_>) -> Option<Check> {
+    let observed = recorded.observed;
     if observed.totals.packets == 0 {
         return None;
     }
@@ -181,7 +181,7 @@ pub fn losses(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
     };
     let (on_the_way, here) = (list(&before_us), list(&after));
     if on_the_way.is_empty() && here.is_empty() {
-        let again = seen.tried.readings.get("asked_packets").copied().unwrap_or(0.0);
+        let again = subject.entry.readings.get("asked_packets").copied().unwrap_or(0.0);
         if again > 0.0 {
             let found = format!("{again:.0} packets were lost on the network, and came when they were asked for again");
             return Some(Check::warning(

@@ -5,7 +5,7 @@ use erfgs_session::clock::{Evidence, Sample};
 use erfgs_sync::{Board, Matched, fit_edges};
 use serde_json::Value;
 
-use super::{Seen, Spell, strobe};
+use super::{Recorded, Subject, strobe};
 use crate::check::{Check, CheckName};
 
 const EDGES: CheckName = CheckName::TriggerEdges;
@@ -25,18 +25,18 @@ fn listens(settings: &serde_json::Map<String, Value>) -> Option<[bool; 2]> {
     settings.get("external_trigger").map(|on| [on.as_bool() == Some(true); 2])
 }
 
-pub fn trigger_edges(seen: &Seen<'_>) -> Option<Check> {
-    if !seen.description.encoding.is_events() {
+pub fn trigger_edges(subject: &Subject<'_>) -> Option<Check> {
+    if !subject.description.encoding.is_events() {
         return None;
     }
-    let board = match seen.pulses.given(EDGES) {
+    let board = match subject.pulses.given(EDGES) {
         Ok(board) => board,
         Err(not_tested) => return Some(not_tested),
     };
-    let Some(events) = seen.together().and_then(|spell| spell.observed.events.as_ref()) else {
+    let Some(events) = subject.together().and_then(|recorded| recorded.observed.events.as_ref()) else {
         return Some(Check::not_tested(EDGES, "it was not recorded with the board"));
     };
-    let Some([rising, falling]) = listens(&seen.description.settings) else {
+    let Some([rising, falling]) = listens(&subject.description.settings) else {
         return Some(Check::not_tested(EDGES, "it has no trigger input"));
     };
     if !rising && !falling {
@@ -65,19 +65,19 @@ pub fn trigger_edges(seen: &Seen<'_>) -> Option<Check> {
     }
     match fit_edges(&events.edges, board) {
         Ok((clock, matched, samples)) if matched.matched > 0 => {
-            let spread_ns = seen
+            let spread_ns = subject
                 .together()
-                .and_then(|spell| spread_ns(spell, &seen.tried.device.id))
+                .and_then(|recorded| spread_ns(recorded, &subject.entry.device.id))
                 .unwrap_or(clock.residuals.p95_ns);
             Some(numbered(board, spread_ns, matched, &samples))
         }
-        _ => Some(unnumbered(seen, &events.edges, board)),
+        _ => Some(unnumbered(subject, &events.edges, board)),
     }
 }
 
 /// How far edges lie from where the camera's clock has them, nanoseconds: of the parts between jumps of the clock, the worst.
-fn spread_ns(spell: &Spell<'_>, id: &str) -> Option<f64> {
-    let clocks = spell.recording.sync.stream(id)?.epochs.clocks();
+fn spread_ns(recorded: &Recorded<'_>, id: &str) -> Option<f64> {
+    let clocks = recorded.recording.sync.stream(id)?.epochs.clocks();
     let by_edges = clocks.filter(|clock| clock.evidence() == Some(Evidence::TriggerEdges));
     by_edges.map(|clock| clock.residuals.p95_ns).max_by(f64::total_cmp)
 }
@@ -110,7 +110,7 @@ fn numbered(board: &Board, spread_ns: f64, matched: Matched, samples: &[Sample])
 }
 
 /// Of edges that have no numbers: upside down, of a strobe, or of something else.
-fn unnumbered(seen: &Seen<'_>, edges: &[Edge], board: &Board) -> Check {
+fn unnumbered(subject: &Subject<'_>, edges: &[Edge], board: &Board) -> Check {
     let inverted: Vec<Edge> = edges.iter().map(|edge| Edge { rising: !edge.rising, ..*edge }).collect();
     if let Ok((_, matched, _)) = fit_edges(&inverted, board)
         && matched.matched > 0
@@ -122,7 +122,7 @@ fn unnumbered(seen: &Seen<'_>, edges: &[Edge], board: &Board) -> Check {
             "an inverting level shifter or opto-isolator is in the wire: swap it, or its wires",
         );
     }
-    if let Some(camera) = strobe::camera_of(seen.findings, &seen.tried.device.id) {
+    if let Some(camera) = strobe::camera_of(subject.findings, &subject.entry.device.id) {
         return Check::not_tested(
             EDGES,
             format!("its input has the strobe of '{camera}' instead of the board's pulses"),

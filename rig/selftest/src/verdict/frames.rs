@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use erfgs_recorder::DeviceSettings;
 use erfgs_sync::{Board, Exposures};
 
-use super::{Alone, Seen, Spell};
+use super::{Alone, Recorded, Subject};
 use crate::check::{Check, CheckName};
 
 const RATE: CheckName = CheckName::FrameRate;
@@ -20,16 +20,16 @@ const HOLE: f64 = 1.5;
 const ON_THE_WAY_S: f64 = 0.2;
 const FEWEST_ON_THE_WAY: u64 = 2;
 
-fn is_frame_camera(seen: &Seen<'_>) -> bool {
-    seen.description.encoding.is_frames() && !matches!(seen.tried.device.settings, DeviceSettings::Pattern(_))
+fn is_frame_camera(subject: &Subject<'_>) -> bool {
+    subject.description.encoding.is_frames() && !matches!(subject.entry.device.settings, DeviceSettings::Pattern(_))
 }
 
-pub fn rate(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
-    let observed = spell.observed;
-    if !seen.description.encoding.is_frames() || seen.description.is_triggered() || observed.totals.packets == 0 {
+pub fn rate(subject: &Subject<'_>, recorded: &Recorded<'_>) -> Option<Check> {
+    let observed = recorded.observed;
+    if !subject.description.encoding.is_frames() || subject.description.is_triggered() || observed.totals.packets == 0 {
         return None;
     }
-    let setting = |name: &str| seen.description.settings.get(name)?.as_f64().filter(|hz| *hz > 0.0);
+    let setting = |name: &str| subject.description.settings.get(name)?.as_f64().filter(|hz| *hz > 0.0);
     let Some(asked_hz) = setting("asked_rate_hz").or(setting("rate_hz")) else {
         return Some(Check::not_tested(RATE, "no rate is known that it was asked for"));
     };
@@ -69,13 +69,13 @@ pub fn rate(seen: &Seen<'_>, spell: &Spell<'_>) -> Option<Check> {
 }
 
 /// Without the board's pulses a triggered camera is silent.
-pub fn waits_for_trigger(seen: &Seen<'_>) -> Option<Check> {
-    if !is_frame_camera(seen) || !seen.description.is_triggered() {
+pub fn waits_for_trigger(subject: &Subject<'_>) -> Option<Check> {
+    if !is_frame_camera(subject) || !subject.description.is_triggered() {
         return None;
     }
-    Some(match &seen.tried.alone {
+    Some(match &subject.entry.alone {
         Alone::Recorded(recording) => {
-            let frames = recording.stream(&seen.tried.device.id).map_or(0, |observed| observed.totals.packets);
+            let frames = recording.stream(&subject.entry.device.id).map_or(0, |observed| observed.totals.packets);
             if frames == 0 {
                 Check::ok(WAITS, format!("no frame without a pulse in {:.1} s", recording.seconds))
             } else {
@@ -91,29 +91,29 @@ pub fn waits_for_trigger(seen: &Seen<'_>) -> Option<Check> {
 }
 
 /// Each pulse gives one frame.
-pub fn frame_per_pulse(seen: &Seen<'_>) -> Option<Check> {
-    if !is_frame_camera(seen) || !seen.description.is_triggered() {
+pub fn frame_per_pulse(subject: &Subject<'_>) -> Option<Check> {
+    if !is_frame_camera(subject) || !subject.description.is_triggered() {
         return None;
     }
-    let board = match seen.pulses.given(PER_PULSE) {
+    let board = match subject.pulses.given(PER_PULSE) {
         Ok(board) => board,
         Err(not_tested) => return Some(not_tested),
     };
-    let Some(spell) = seen.together() else {
+    let Some(recorded) = subject.together() else {
         return Some(Check::not_tested(PER_PULSE, "it was not recorded with the board"));
     };
-    let (given, frames) = (board.pulses.len() as u64, spell.observed.totals.packets);
+    let (given, frames) = (board.pulses.len() as u64, recorded.observed.totals.packets);
     let wire = "check the wire from the board's output to the camera's trigger input, its ground and its voltage";
     if frames == 0 {
         return Some(Check::fault(PER_PULSE, format!("no frame for {given} pulses"), wire));
     }
-    let exposures = spell.recording.sync.stream(&seen.tried.device.id).and_then(|sync| sync.exposures.as_ref());
+    let exposures = recorded.recording.sync.stream(&subject.entry.device.id).and_then(|sync| sync.exposures.as_ref());
     let Some(exposures) = exposures.filter(|exposures| !exposures.pulse.is_empty()) else {
         return Some(Check::fault(PER_PULSE, format!("none of {frames} frames fits one of {given} pulses"), wire));
     };
     let [without_frame, without_pulse] = match board.period_ns() {
-        Some(period_ns) if spell.observed.stamped_by.is_some() => {
-            by_stamps(&spell.observed.frames_ns, given, period_ns)
+        Some(period_ns) if recorded.observed.stamped_by.is_some() => {
+            by_stamps(&recorded.observed.frames_ns, given, period_ns)
         }
         _ => by_match(exposures, board),
     };

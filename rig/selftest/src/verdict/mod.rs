@@ -27,14 +27,14 @@ use crate::{
 #[derive(Debug)]
 pub struct Findings {
     /// Of each device, in the order of the rig.
-    pub devices: Vec<Tried>,
+    pub devices: Vec<DeviceFindings>,
     /// The recording of all.
     pub together: Together,
 }
 
-/// A device that was tried.
+/// What was found of a device.
 #[derive(Debug)]
-pub struct Tried {
+pub struct DeviceFindings {
     /// What the rig asks for.
     pub device: DeviceConfig,
     /// What it is, or why it cannot be opened.
@@ -81,7 +81,7 @@ impl Together {
 }
 
 /// A device in a recording.
-struct Spell<'a> {
+struct Recorded<'a> {
     recording: &'a Recording,
     observed: &'a Observed,
     /// Whether no other device was recorded.
@@ -89,23 +89,23 @@ struct Spell<'a> {
 }
 
 /// A device that was opened, and the rig around it.
-struct Seen<'a> {
-    tried: &'a Tried,
+struct Subject<'a> {
+    entry: &'a DeviceFindings,
     description: &'a Description,
     /// What it sent: alone, unless it waits for a trigger, and with all others.
-    spells: Vec<Spell<'a>>,
+    recordings: Vec<Recorded<'a>>,
     findings: &'a Findings,
     /// The pulses of the rig's trigger board.
     pulses: &'a Pulses<'a>,
 }
 
-impl<'a> Seen<'a> {
-    fn together(&self) -> Option<&Spell<'a>> {
-        self.spells.iter().find(|spell| !spell.alone)
+impl<'a> Subject<'a> {
+    fn together(&self) -> Option<&Recorded<'a>> {
+        self.recordings.iter().find(|recorded| !recorded.alone)
     }
 
-    fn alone(&self) -> Option<&Spell<'a>> {
-        self.spells.iter().find(|spell| spell.alone)
+    fn alone(&self) -> Option<&Recorded<'a>> {
+        self.recordings.iter().find(|recorded| recorded.alone)
     }
 }
 
@@ -121,7 +121,7 @@ enum Pulses<'a> {
 
 impl<'a> Pulses<'a> {
     fn of(findings: &'a Findings) -> Self {
-        let is_board = |tried: &&Tried| matches!(tried.device.settings, DeviceSettings::Trigger(_));
+        let is_board = |entry: &&DeviceFindings| matches!(entry.device.settings, DeviceSettings::Trigger(_));
         let Some(board) = findings.devices.iter().find(is_board) else { return Self::NoBoard };
         let observed = findings.together.recording().and_then(|recording| recording.stream(&board.device.id));
         let given = observed.and_then(|observed| observed.board.as_ref()?.board.as_ref());
@@ -143,12 +143,12 @@ impl<'a> Pulses<'a> {
 pub fn judge(findings: &Findings) -> Vec<Check> {
     let pulses = Pulses::of(findings);
     let mut checks = Vec::new();
-    for tried in &findings.devices {
-        let of_device = match &tried.opened {
-            Ok(description) => of_device(&seen(tried, description, findings, &pulses)),
+    for entry in &findings.devices {
+        let of_device = match &entry.opened {
+            Ok(description) => of_device(&subject_of(entry, description, findings, &pulses)),
             Err(reason) => vec![opened::refused(reason)],
         };
-        checks.extend(of_device.into_iter().map(|check| check.of(&tried.device.id)));
+        checks.extend(of_device.into_iter().map(|check| check.of(&entry.device.id)));
     }
     if let Pulses::NoBoard = pulses {
         checks.extend(
@@ -159,49 +159,50 @@ pub fn judge(findings: &Findings) -> Vec<Check> {
     checks
 }
 
-fn seen<'a>(
-    tried: &'a Tried,
+fn subject_of<'a>(
+    entry: &'a DeviceFindings,
     description: &'a Description,
     findings: &'a Findings,
     pulses: &'a Pulses<'a>,
-) -> Seen<'a> {
-    let id = tried.device.id.as_str();
-    let spell = |recording: &'a Recording, alone| Some(Spell { recording, observed: recording.stream(id)?, alone });
-    let alone = match &tried.alone {
-        Alone::Recorded(recording) if !description.is_triggered() => spell(recording, true),
+) -> Subject<'a> {
+    let id = entry.device.id.as_str();
+    let recorded =
+        |recording: &'a Recording, alone| Some(Recorded { recording, observed: recording.stream(id)?, alone });
+    let alone = match &entry.alone {
+        Alone::Recorded(recording) if !description.is_triggered() => recorded(recording, true),
         _ => None,
     };
-    let together = findings.together.recording().and_then(|recording| spell(recording, false));
-    Seen { tried, description, spells: alone.into_iter().chain(together).collect(), findings, pulses }
+    let together = findings.together.recording().and_then(|recording| recorded(recording, false));
+    Subject { entry, description, recordings: alone.into_iter().chain(together).collect(), findings, pulses }
 }
 
 /// All checks of a device that could be opened, as far as they concern its kind.
-fn of_device(seen: &Seen<'_>) -> Vec<Check> {
-    let mut checks = vec![opened::opened(seen), opened::serial_number(seen), opened::settings(seen)];
-    checks.push(opened::driver_warnings(seen));
-    checks.extend(data::started(seen).or_else(|| gravest(seen, data::data)));
-    checks.extend(gravest(seen, data::format));
-    checks.extend(gravest(seen, data::losses));
-    checks.extend(gravest(seen, clock::rate));
-    checks.extend(gravest(seen, clock::steps));
-    checks.extend(gravest(seen, clock::reset));
-    checks.extend(gravest(seen, frames::rate));
-    checks.extend(load::bandwidth(seen));
-    checks.extend(frames::waits_for_trigger(seen));
-    checks.extend(board::answers(seen));
-    checks.extend(board::pulses(seen));
-    checks.extend(edges::trigger_edges(seen));
-    checks.extend(frames::frame_per_pulse(seen));
-    checks.extend(strobe::strobe_edges(seen));
-    checks.extend(temperature::temperature(seen));
+fn of_device(subject: &Subject<'_>) -> Vec<Check> {
+    let mut checks = vec![opened::opened(subject), opened::serial_number(subject), opened::settings(subject)];
+    checks.push(opened::driver_warnings(subject));
+    checks.extend(data::started(subject).or_else(|| gravest(subject, data::data)));
+    checks.extend(gravest(subject, data::format));
+    checks.extend(gravest(subject, data::losses));
+    checks.extend(gravest(subject, clock::rate));
+    checks.extend(gravest(subject, clock::steps));
+    checks.extend(gravest(subject, clock::reset));
+    checks.extend(gravest(subject, frames::rate));
+    checks.extend(load::bandwidth(subject));
+    checks.extend(frames::waits_for_trigger(subject));
+    checks.extend(board::answers(subject));
+    checks.extend(board::pulses(subject));
+    checks.extend(edges::trigger_edges(subject));
+    checks.extend(frames::frame_per_pulse(subject));
+    checks.extend(strobe::strobe_edges(subject));
+    checks.extend(temperature::temperature(subject));
     checks
 }
 
 /// The gravest verdict of a check on the recordings of a device; of equal ones that on the recording of all.
-fn gravest(seen: &Seen<'_>, judge: fn(&Seen<'_>, &Spell<'_>) -> Option<Check>) -> Option<Check> {
-    let judged = seen.spells.iter().filter_map(|spell| Some((spell.alone, judge(seen, spell)?)));
+fn gravest(subject: &Subject<'_>, judge: fn(&Subject<'_>, &Recorded<'_>) -> Option<Check>) -> Option<Check> {
+    let judged = subject.recordings.iter().filter_map(|recorded| Some((recorded.alone, judge(subject, recorded)?)));
     // Of equal ones the last.
     let (alone, check) = judged.max_by_key(|(_, check)| check.verdict)?;
-    let at_odds = alone && check.verdict > Verdict::Ok && seen.together().is_some();
+    let at_odds = alone && check.verdict > Verdict::Ok && subject.together().is_some();
     Some(if at_odds { Check { found: format!("recorded alone: {}", check.found), ..check } } else { check })
 }

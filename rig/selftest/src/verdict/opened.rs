@@ -3,7 +3,7 @@
 use erfgs_recorder::DeviceSettings;
 use serde_json::Value;
 
-use super::Seen;
+use super::Subject;
 use crate::check::{Check, CheckName};
 
 const OPENED: CheckName = CheckName::Opened;
@@ -19,8 +19,8 @@ pub fn refused(reason: &str) -> Check {
     Check::fault(OPENED, format!("cannot be opened: {wrong}"), remedy)
 }
 
-pub fn opened(seen: &Seen<'_>) -> Check {
-    let description = seen.description;
+pub fn opened(subject: &Subject<'_>) -> Check {
+    let description = subject.description;
     let firmware = ["firmware", "firmware_version"].into_iter().find_map(|name| description.settings.get(name));
     let firmware = firmware.map(|value| format!(", firmware {}", plain(value))).unwrap_or_default();
     Check::ok(OPENED, format!("{}{firmware}", description.model))
@@ -30,9 +30,9 @@ fn plain(value: &Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
-pub fn serial_number(seen: &Seen<'_>) -> Check {
-    let has = seen.description.serial.as_str();
-    let asked = match &seen.tried.device.settings {
+pub fn serial_number(subject: &Subject<'_>) -> Check {
+    let has = subject.description.serial.as_str();
+    let asked = match &subject.entry.device.settings {
         DeviceSettings::Evk4(config) => config.serial.as_str(),
         DeviceSettings::Davis346(config) => config.serial.as_str(),
         DeviceSettings::Camera(config) => config.camera.as_str(),
@@ -43,7 +43,7 @@ pub fn serial_number(seen: &Seen<'_>) -> Check {
         (_, "") => Check::not_tested(SERIAL, "the device tells no serial number"),
         ("", has) => Check::ok(SERIAL, format!("{has}; the rig asks for none")),
         (asked, has) if asked == has => Check::ok(SERIAL, has),
-        (asked, has) if matches!(seen.tried.device.settings, DeviceSettings::Camera(_)) => {
+        (asked, has) if matches!(subject.entry.device.settings, DeviceSettings::Camera(_)) => {
             Check::ok(SERIAL, format!("{has}, chosen as \"{asked}\""))
         }
         (asked, has) => Check::fault(
@@ -55,8 +55,8 @@ pub fn serial_number(seen: &Seen<'_>) -> Check {
 }
 
 /// Drivers list what a device did not take under `not_applied`.
-pub fn settings(seen: &Seen<'_>) -> Check {
-    let missed: Vec<String> = match seen.description.settings.get("not_applied") {
+pub fn settings(subject: &Subject<'_>) -> Check {
+    let missed: Vec<String> = match subject.description.settings.get("not_applied") {
         None | Some(Value::Null) => Vec::new(),
         Some(Value::Array(list)) => list.iter().map(plain).collect(),
         Some(other) => vec![plain(other)],
@@ -68,9 +68,9 @@ pub fn settings(seen: &Seen<'_>) -> Check {
     Check::warning(SETTINGS, found, "give a value that the device takes, or leave the setting out")
 }
 
-pub fn driver_warnings(seen: &Seen<'_>) -> Check {
-    let warnings = &seen.tried.warnings;
-    if seen.spells.is_empty() {
+pub fn driver_warnings(subject: &Subject<'_>) -> Check {
+    let warnings = &subject.entry.warnings;
+    if subject.recordings.is_empty() {
         return Check::not_tested(WARNINGS, "it was not recorded");
     }
     if warnings.is_empty() {

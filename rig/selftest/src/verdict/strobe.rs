@@ -4,7 +4,7 @@ use erfgs_recorder::DeviceSettings;
 use erfgs_session::trigger::code::SensedPulse;
 use erfgs_sync::pulses;
 
-use super::{Findings, Seen, Tried};
+use super::{DeviceFindings, Findings, Subject};
 use crate::{
     check::{Check, CheckName},
     observe::Observed,
@@ -14,18 +14,19 @@ const STROBE: CheckName = CheckName::StrobeEdges;
 /// A strobe is as long as the exposure, but for this share, and this, nanoseconds.
 const LONGER: f64 = 0.2;
 const LONGER_NS: i64 = 50_000;
-/// At the ends of a recording frames or edges may be cut off: so many, and this share.
+/// Devices start and stop one after the other: at the ends of a recording frames or edges may be cut off, so many, those of so many
+/// seconds, and half of all at most.
 const CUT_OFF: u64 = 3;
-const CUT_OFF_SHARE: f64 = 0.1;
+const CUT_OFF_S: f64 = 0.4;
 
 /// The output that shows the exposure of a camera, if the rig names one.
-fn line(tried: &Tried) -> Option<&str> {
+fn line(entry: &DeviceFindings) -> Option<&str> {
     #[cfg(target_os = "linux")]
-    if let DeviceSettings::Camera(config) = &tried.device.settings {
+    if let DeviceSettings::Camera(config) = &entry.device.settings {
         return config.genicam.as_ref().map(|more| more.strobe_line.as_str()).filter(|line| !line.is_empty());
     }
     #[cfg(not(target_os = "linux"))]
-    let _ = (tried, |settings: &DeviceSettings| matches!(settings, DeviceSettings::Camera(_)));
+    let _ = (entry, |settings: &DeviceSettings| matches!(settings, DeviceSettings::Camera(_)));
     None
 }
 
@@ -33,8 +34,8 @@ fn line(tried: &Tried) -> Option<&str> {
 pub fn camera_of<'a>(findings: &'a Findings, event_camera: &str) -> Option<&'a str> {
     let recording = findings.together.recording()?;
     let eye = recording.stream(event_camera)?;
-    let cameras = findings.devices.iter().filter(|tried| line(tried).is_some());
-    let ids = cameras.map(|tried| tried.device.id.as_str());
+    let cameras = findings.devices.iter().filter(|entry| line(entry).is_some());
+    let ids = cameras.map(|entry| entry.device.id.as_str());
     ids.into_iter().find(|id| recording.stream(id).is_some_and(|camera| shows(eye, camera).is_some()))
 }
 
@@ -48,25 +49,25 @@ fn shows(eye: &Observed, camera: &Observed) -> Option<u64> {
             .width_ns
             .is_none_or(|width| (width - exposure_ns).abs() <= LONGER_NS.max((LONGER * exposure_ns as f64) as i64))
     };
-    let (seen, frames) = (strobes.len() as u64, camera.totals.packets + camera.missing_frames);
-    let cut_off = CUT_OFF.max((CUT_OFF_SHARE * frames as f64) as u64);
+    let (count, frames) = (strobes.len() as u64, camera.totals.packets + camera.missing_frames);
+    let cut_off = CUT_OFF.max((CUT_OFF_S * camera.frames_per_s().unwrap_or(0.0)) as u64).min(frames / 2);
     let whole = strobes.iter().filter(|pulse| is_one(pulse)).count() as u64;
-    (frames > 0 && seen > 0 && whole + 1 >= seen && seen.abs_diff(frames) <= cut_off).then_some(seen)
+    (frames > 0 && count > 0 && whole + 1 >= count && count.abs_diff(frames) <= cut_off).then_some(count)
 }
 
-pub fn strobe_edges(seen: &Seen<'_>) -> Option<Check> {
-    let line = line(seen.tried)?;
-    let Some(spell) = seen.together() else {
+pub fn strobe_edges(subject: &Subject<'_>) -> Option<Check> {
+    let line = line(subject.entry)?;
+    let Some(recorded) = subject.together() else {
         return Some(Check::not_tested(STROBE, "it was not recorded with the others"));
     };
-    let camera = spell.observed;
+    let camera = recorded.observed;
     if camera.totals.packets == 0 {
         return Some(Check::not_tested(STROBE, "it gave no frame"));
     }
     if camera.description.exposure_ns().is_none() {
         return Some(Check::not_tested(STROBE, "its exposure is not known"));
     }
-    let mut eyes = spell.recording.streams.iter().filter(|stream| stream.events.is_some()).peekable();
+    let mut eyes = recorded.recording.streams.iter().filter(|stream| stream.events.is_some()).peekable();
     if eyes.peek().is_none() {
         return Some(Check::not_tested(STROBE, "the rig has no event camera that could see it"));
     }

@@ -1,6 +1,6 @@
 //! How warm a device is, where its driver can tell.
 
-use super::Seen;
+use super::Subject;
 use crate::check::{Check, CheckName};
 
 const TEMPERATURE: CheckName = CheckName::Temperature;
@@ -9,9 +9,11 @@ const PLAUSIBLE: std::ops::Range<f64> = -20.0..120.0;
 /// Above this sensors are noisy, and cameras switch themselves off, degrees Celsius.
 const HOT: f64 = 75.0;
 
-pub fn temperature(seen: &Seen<'_>) -> Option<Check> {
-    let reading = ["temperature_celsius", "temperature_c"].into_iter().find_map(|name| seen.tried.readings.get(name));
-    let inertial = seen.spells.iter().rev().find_map(|spell| spell.observed.events.as_ref()?.imu_celsius());
+pub fn temperature(subject: &Subject<'_>) -> Option<Check> {
+    let reading =
+        ["temperature_celsius", "temperature_c"].into_iter().find_map(|name| subject.entry.readings.get(name));
+    let inertial =
+        subject.recordings.iter().rev().find_map(|recorded| recorded.observed.events.as_ref()?.imu_celsius());
     let Some((celsius, of)) = reading.map(|c| (*c, "")).or(inertial.map(|c| (c, " (inertial unit)"))) else {
         return Some(Check::not_tested(TEMPERATURE, "its driver reads none"));
     };

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use super::*;
 use crate::{
-    observe::EventsSeen,
+    observe::ObservedEvents,
     rate::{Rate, RateFit},
 };
 use Verdict::{Fault, NotTested, Ok as Good, Warning};
@@ -37,7 +37,8 @@ fn come(observed: &mut Observed, rate_hz: f64, bytes: u64) {
     }
     observed.clock = Some(RateFit::Even(Rate { ppm: 20.0, uncertainty_ppm: 100.0 }));
     if let Some(events) = &mut observed.events {
-        *events = EventsSeen { events: 5000, on: 2500, range_us: Some([20, 1_000_000]), ..EventsSeen::default() };
+        *events =
+            ObservedEvents { events: 5000, on: 2500, range_us: Some([20, 1_000_000]), ..ObservedEvents::default() };
     }
 }
 
@@ -50,7 +51,7 @@ fn recording(streams: Vec<Observed>) -> Box<Recording> {
 fn findings(rig: &str, streams: Vec<(Option<Observed>, Observed)>) -> Findings {
     let rig = RigConfig::parse(rig, Path::new("RIG.toml")).unwrap();
     let (alone, together): (Vec<_>, Vec<_>) = streams.into_iter().unzip();
-    let devices = rig.devices.iter().zip(alone).zip(&together).map(|((device, alone), together)| Tried {
+    let devices = rig.devices.iter().zip(alone).zip(&together).map(|((device, alone), together)| DeviceFindings {
         device: device.clone(),
         opened: Ok(together.description.clone()),
         alone: alone
@@ -101,8 +102,9 @@ fn data_has_to_come_to_the_end_and_without_a_pause() {
 }
 
 #[test]
-fn words_that_cannot_be_right_are_told_from_their_order() {
-    let format = |change: fn(&mut EventsSeen)| on_eye(CheckName::Format, |eye| change(eye.events.as_mut().unwrap()));
+fn damaged_words_and_another_order_of_words_are_two_things() {
+    let format =
+        |change: fn(&mut ObservedEvents)| on_eye(CheckName::Format, |eye| change(eye.events.as_mut().unwrap()));
     assert_eq!(format(|_| {}).verdict, Good);
     assert_eq!(format(|events| events.anomalies.undated = 40).verdict, Good);
     assert_eq!(format(|events| events.anomalies.no_row = 3000).verdict, Fault);

@@ -108,7 +108,7 @@ fn a_board_with_a_resonator() {
 }
 
 #[test]
-fn the_polarity_is_told() {
+fn an_inverted_polarity_is_named() {
     let tested = bench(Faults::default(), |rising| Some(!rising), DeviceFaults::default()).test(700);
     assert!(tested.found("eye", C::TriggerEdges).contains("polarity is inverted"), "{}", tested.lines());
 }

@@ -62,8 +62,8 @@ fn a_report_comes_back_as_it_was_written_and_its_page_describes_all_of_it() {
     for check in CheckName::ALL {
         assert!(PAGE.contains(&format!("\n| `{}` |", check.name())), "{}", check.name());
     }
-    let said = report.save(&path.join("below-a-file.json")).unwrap_err().to_string();
-    assert!(said.contains("report.json/below-a-file.json"), "{said}");
+    let message = report.save(&path.join("below-a-file.json")).unwrap_err().to_string();
+    assert!(message.contains("report.json/below-a-file.json"), "{message}");
 }
 
 #[test]
@@ -85,6 +85,6 @@ fn recordings_are_kept_where_that_is_asked_for_and_never_overwritten() {
     let mut names: Vec<_> = std::fs::read_dir(&keep).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     names.sort();
     assert_eq!(names, ["alone-camera.mcap", "alone-eye.mcap", "together.mcap"]);
-    let said = run(&rig(RIG), &bus, &options, &mut |_| {}).unwrap_err().to_string();
-    assert!(said.contains("alone-eye.mcap") && said.contains("never overwritten"), "{said}");
+    let message = run(&rig(RIG), &bus, &options, &mut |_| {}).unwrap_err().to_string();
+    assert!(message.contains("alone-eye.mcap") && message.contains("never overwritten"), "{message}");
 }

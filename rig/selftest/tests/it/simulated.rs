@@ -6,7 +6,7 @@ use std::{collections::BTreeMap, path::Path};
 use erfgs_emulated_rig::{Act, Fault, Plan, record};
 use erfgs_recorder::RigConfig;
 use erfgs_selftest::{
-    Alone, Check, CheckName as C, Findings, Together, Tried, Verdict,
+    Alone, Check, CheckName as C, DeviceFindings, Findings, Together, Verdict,
     Verdict::{Fault as Bad, Warning},
     judge, observe,
 };
@@ -28,14 +28,14 @@ fn checks(faults: Vec<Fault>) -> Vec<Check> {
     let rig = RigConfig::parse(&plan.rig_toml(Act::Wand), Path::new("RIG.toml")).unwrap();
     let mut session = Session::open(&path).unwrap();
     let recording = observe(&mut session, None).unwrap();
-    let tried = |device: &erfgs_recorder::DeviceConfig| Tried {
+    let entry = |device: &erfgs_recorder::DeviceConfig| DeviceFindings {
         device: device.clone(),
         opened: Ok(recording.stream(&device.id).unwrap().description.clone()),
         alone: Alone::Skipped("it is a take of all".into()),
         warnings: Vec::new(),
         readings: BTreeMap::new(),
     };
-    let devices = rig.devices.iter().map(tried).collect();
+    let devices = rig.devices.iter().map(entry).collect();
     judge(&Findings { devices, together: Together::Recorded(Box::new(recording)) })
 }
 
