@@ -2,7 +2,7 @@
 
 use std::{thread, time::Duration};
 
-use erfgs_hardware_mocks::usb::{FaultKind, Speed, U3vFaults, U3vOptions, clock::ClockError, u3v::STREAM};
+use erfgs_hardware_mocks::usb::{Evk4Options, FaultKind, Speed, U3vFaults, U3vOptions, clock::ClockError, u3v::STREAM};
 use erfgs_rig::host_time::host_ns;
 use erfgs_selftest::{
     CheckName as C,
@@ -125,4 +125,13 @@ fn a_triggered_camera_that_does_not_wait() {
     noise.join().unwrap();
     assert_eq!(tested.verdict("mono", C::WaitsForTrigger), Some(Fault), "{}", tested.lines());
     assert_eq!(tested.verdict("mono", C::Losses), Some(Ok), "{}", tested.lines());
+}
+
+#[test]
+fn a_strobe_that_reaches_no_event_camera() {
+    let mut bench = Bench::new();
+    bench.evk4("eye", 1, Evk4Options::default(), &[]);
+    bench.u3v("free", "", "strobe_line = \"Line1\"", U3vOptions::default(), &[]);
+    let tested = bench.test(500);
+    tested.complain("free", &[(C::StrobeEdges, Warning)]);
 }
