@@ -24,7 +24,7 @@ const EVENTS_NS_PER_TICK: f64 = 1000.0;
 /// A recording of some devices.
 #[derive(Debug)]
 pub struct Recording {
-    /// From its begin to where the devices were stopped, seconds.
+    /// From its beginning to where the devices were stopped, seconds.
     pub seconds: f64,
     /// Its streams.
     pub streams: Vec<Observed>,

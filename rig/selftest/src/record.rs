@@ -20,7 +20,7 @@ use crate::{
 
 /// Space of the disk that the test leaves free, bytes.
 const RESERVE_BYTES: u64 = 64 << 20;
-/// How often progress is progress.
+/// How often progress is reported.
 const TURN: Duration = Duration::from_millis(50);
 
 /// A device that is open.
