@@ -18,7 +18,9 @@ fi
 # Real recordings, if scripts/setup.sh --oracles has not fetched them, and the programs that record emulated ones, film and train.
 recordings=${ERFGS_RECORDINGS:-$PWD/target/recordings}
 [ -n "${ERFGS_RECORDINGS:-}" ] || python3 tests/oracles/recordings.py "$recordings"
-cargo build --locked --workspace --features "$ERFGS_FEATURES" --bin erfgs --bin erfgs-emulated-rig --bin erfgs-stage
+cargo build --locked --workspace --features "$ERFGS_FEATURES" --bin erfgs-emulated-rig --bin erfgs-stage
+# The program as its tests have it, who have built it already: `cargo build` would build all of it in another way.
+cargo test --locked --workspace --features "$ERFGS_FEATURES" --no-run --quiet --test pipeline
 
 # As the tests are built, and with this machine's libraries: a wheel for others is that of scripts/release.sh.
 wheels=$CARGO_TARGET_DIR/wheels

@@ -288,19 +288,27 @@ pub fn best_seen_s(film: &Film, thing: &Thing) -> Option<f64> {
     best_seen(film, thing).map(|best| film.moments[thing.shapes[best].moment].t_s)
 }
 
-/// When a track is in view: half an interval beyond its ends, or as long as the recording where it is followed from end to end.
+/// When a track is in view: half an interval beyond its ends, or as long as the recording where things move from its beginning and to its
+/// end. What began to move later, or came to rest, does not move before and after.
 fn span_ns(film: &Film, track: &Track) -> [i64; 2] {
     let [begin, end] = film.span_ns;
-    let (first, last) = (track.instants().next(), track.instants().next_back());
     let time = |moment: usize| film.moments[moment].t_ns;
-    let from = match first {
-        Some(first) if first > 0 => time(first) - (time(first) - time(first - 1)) / 2,
-        _ => begin,
+    let usual = (1e9 * film.step_s()) as i64;
+    // Half of the interval to the next instant, or, where nothing moves beyond, to the end or half of the usual one.
+    let half = |next: Option<i64>, to_end: i64| match next {
+        Some(interval) => interval / 2,
+        None if to_end > usual => usual / 2,
+        None => to_end,
     };
-    let to = match last {
-        Some(last) if last + 1 < film.moments.len() => time(last) + (time(last + 1) - time(last)) / 2,
-        _ => end,
-    };
+    let [first, last] = [track.instants().next(), track.instants().next_back()];
+    let from = first.map_or(begin, |first| {
+        let before = first.checked_sub(1).map(|before| time(first) - time(before));
+        time(first) - half(before, time(first) - begin)
+    });
+    let to = last.map_or(end, |last| {
+        let after = (last + 1 < film.moments.len()).then(|| time(last + 1) - time(last));
+        time(last) + half(after, end - time(last))
+    });
     [from.max(begin), to.min(end)]
 }
 
@@ -319,4 +327,42 @@ fn poses(film: &Film, path: &Path, turn: &Turn) -> Vec<BodyPose> {
         }
     };
     (0..=count).map(pose).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bodies::{detections::Histogram, film::Moment};
+
+    /// The span, milliseconds, of what is followed at instants `seen` of a recording of a second in which things move at instants
+    /// 100 ms apart.
+    fn span_ms(moving_ms: std::ops::RangeInclusive<i64>, seen: std::ops::Range<usize>) -> [i64; 2] {
+        let moment = |ms: i64| Moment {
+            t_ns: 1_000_000 * ms,
+            t_s: 1e-3 * ms as f64,
+            exposure_s: 0.0,
+            points: Vec::new(),
+            colours: Vec::new(),
+            views: Vec::new(),
+        };
+        let moments: Vec<Moment> = moving_ms.step_by(100).map(moment).collect();
+        let centres: Vec<Option<DVec3>> =
+            (0..moments.len()).map(|at| seen.contains(&at).then_some(DVec3::ZERO)).collect();
+        let sure = vec![true; centres.len()];
+        let film = Film { span_ns: [0, 1_000_000_000], eyes: Vec::new(), moments, cell_m: 0.02 };
+        let colours = Histogram::of(&[]);
+        let track = Track { centres, sure, met: Vec::new(), radius_m: 0.1, fall: None, colours, usual_points: 9.0 };
+        span_ns(&film, &track).map(|t_ns| t_ns / 1_000_000)
+    }
+
+    #[test]
+    fn a_body_is_in_view_half_an_interval_beyond_its_instants() {
+        assert_eq!(span_ms(0..=1000, 0..11), [0, 1000]);
+        assert_eq!(span_ms(0..=1000, 3..6), [250, 550]);
+        // Frames need not be taken at the very beginning and end.
+        assert_eq!(span_ms(60..=960, 0..10), [0, 1000]);
+        // What flies out of a pot after 300 ms was not there before, and what comes to rest after 700 ms rests.
+        assert_eq!(span_ms(300..=700, 0..5), [250, 750]);
+        assert_eq!(span_ms(300..=700, 1..4), [350, 650]);
+    }
 }

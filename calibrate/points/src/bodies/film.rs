@@ -194,6 +194,11 @@ impl Film {
         self.span_ns[0].saturating_add((1e9 * t_s).round() as i64)
     }
 
+    /// The usual time between instants, seconds.
+    pub fn step_s(&self) -> f64 {
+        median(self.moments.windows(2).map(|pair| pair[1].t_s - pair[0].t_s)).unwrap_or(1.0)
+    }
+
     /// How long exposures usually are, seconds.
     pub fn exposure_s(&self) -> f64 {
         median(self.moments.iter().map(|moment| moment.exposure_s)).unwrap_or(0.0)

@@ -186,7 +186,7 @@ impl<'a> Finder<'a> {
             // Two instants do not tell how often it turned between them, and events of what is plain are as sharp by any rate.
             let told = thing.shapes.len() > 2;
             let all: Vec<_> = windows.values().filter(|_| told).flatten().collect();
-            let mut spin = spin::spin(&compared, &all, self.step_s());
+            let mut spin = spin::spin(&compared, &all, self.film.step_s());
             if let Some(curve) = self.options.page.then(|| Curve::new(&spin, compared.last().copied(), &all)).flatten()
             {
                 curves.insert(thing.name.as_str(), curve);
@@ -195,7 +195,7 @@ impl<'a> Finder<'a> {
                 spin.rate = rate;
                 spin.found_by.insert("rotation".into(), json!("as was said"));
                 None
-            } else if let Some((best, rates)) = stretches::turning(film, thing, windows, self.step_s()) {
+            } else if let Some((best, rates)) = stretches::turning(film, thing, windows, self.film.step_s()) {
                 spin = best;
                 Some(rates)
             } else if thing.flies() {
@@ -215,7 +215,8 @@ impl<'a> Finder<'a> {
         let count = drafts.len();
         let again = {
             let of_shapes = drafts.iter().enumerate();
-            let of_shapes = of_shapes.flat_map(|(number, draft)| draft.subjects(self.film, 2 * number, self.step_s()));
+            let of_shapes =
+                of_shapes.flat_map(|(number, draft)| draft.subjects(self.film, 2 * number, self.film.step_s()));
             self.windows(&of_shapes.collect::<Vec<_>>(), 2 * count)?
         };
         let body = |(index, (mut draft, windows)): (usize, (Draft<'_>, &[Windows; 2]))| {
@@ -231,11 +232,6 @@ impl<'a> Finder<'a> {
     fn windows(&self, subjects: &[Subject<'_>], things: usize) -> Result<Vec<Windows>, CloudError> {
         let reading = |done, total| (self.progress)(BodyStep::Events, done, total);
         near_events::windows(self.dataset, self.film, subjects, things, &reading)
-    }
-
-    /// The usual time between instants, seconds.
-    fn step_s(&self) -> f64 {
-        median(self.film.moments.windows(2).map(|pair| pair[1].t_s - pair[0].t_s)).unwrap_or(1.0)
     }
 }
 
