@@ -67,14 +67,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         }
     }
     let path = rig;
-    let rig = RigConfig::load(path)?;
-    if rig.devices.is_empty() {
-        let path = path.display();
-        let what = format!(
-            "{path} names no devices: add [[evk4]], [[davis346]], [[camera]] or others (erfgs record --example)"
-        );
-        return Err(Usage(what).into());
-    }
+    let rig = load_rig(path)?;
     let listener = arguments.live.map(LivePage::listen).transpose()?;
     let hosts = hosts::connect(&arguments.with, terminal)?;
     std::fs::create_dir_all(&folder).map_err(FileError::when("make the folder", &folder))?;
@@ -292,4 +285,17 @@ fn record_until_stopped(
         return Err(Stopped(format!("stopped; '{}' is complete up to here", summary.path.display())).into());
     }
     others.map_or(Ok(()), |others| others.fault())
+}
+
+/// A rig that names devices.
+pub fn load_rig(path: &Path) -> anyhow::Result<RigConfig> {
+    let rig = RigConfig::load(path)?;
+    if rig.devices.is_empty() {
+        let path = path.display();
+        let what = format!(
+            "{path} names no devices: add [[evk4]], [[davis346]], [[camera]] or others (erfgs record --example)"
+        );
+        return Err(Usage(what).into());
+    }
+    Ok(rig)
 }

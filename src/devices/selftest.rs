@@ -7,13 +7,13 @@ use std::{
 };
 
 use erfgs_base::calendar::DateTime;
-use erfgs_recorder::RigConfig;
 use erfgs_rig::usb::LibusbBus;
 use erfgs_selftest::{Check, Options, Report, SelftestError, Step, Verdict, run as test};
 
 use crate::{
     errors::{Stopped, Usage, not_over},
     interrupt,
+    record::load_rig,
     terminal::{Terminal, table},
 };
 
@@ -48,14 +48,7 @@ pub fn run(path: &Path, arguments: &Arguments, terminal: &Terminal) -> anyhow::R
     }
     let out = arguments.out.clone().unwrap_or_else(|| PathBuf::from(name(SystemTime::now())));
     not_over(&out, arguments.force)?;
-    let rig = RigConfig::load(path)?;
-    if rig.devices.is_empty() {
-        let path = path.display();
-        let what = format!(
-            "{path} names no devices: add [[evk4]], [[davis346]], [[camera]] or others (erfgs record --example)"
-        );
-        return Err(Usage(what).into());
-    }
+    let rig = load_rig(path)?;
     let options = Options {
         length: Duration::from_secs_f64(arguments.seconds),
         keep: arguments.keep.clone(),
