@@ -6,6 +6,7 @@
 //! crystal (1000 ppm at most), which is to be found out here, and they tell no uncertainty.
 
 use erfgs_session::clock::Sample;
+use erfgs_sync::median;
 
 /// Windows that the recording is cut into, and the fewest that tell anything.
 const WINDOWS: usize = 16;
@@ -158,11 +159,6 @@ fn scatter(distances: impl Iterator<Item = f64>) -> f64 {
     distances.sort_unstable_by(f64::total_cmp);
     let place = (0.8 * distances.len() as f64) as usize;
     distances.get(place.min(distances.len().saturating_sub(1))).map_or(0.0, |distance| distance / FOUR_IN_FIVE)
-}
-
-fn median(mut numbers: Vec<f64>) -> f64 {
-    let middle = numbers.len() / 2;
-    if numbers.is_empty() { 0.0 } else { *numbers.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
 #[cfg(test)]

@@ -172,7 +172,9 @@ fn is_even(stamps: &[i64], line: &[i64], jitter: &[f64]) -> bool {
     typical <= UNEVEN.0 * median(jitter.to_vec()) + UNEVEN.1
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
+/// The middle one of values, of two the greater; 0 of nothing.
+#[must_use]
+pub fn median(mut values: Vec<f64>) -> f64 {
     if values.is_empty() {
         return 0.0;
     }

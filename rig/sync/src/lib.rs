@@ -33,7 +33,7 @@ mod tests;
 pub use board::{Board, BoardLines, Bounds, NS_PER_TICK as BOARD_NS_PER_TICK};
 pub use collect::{SyncOptions, synchronise};
 pub use edges::{Matched, WINDOW_NS as EDGES_WINDOW_NS, fit as fit_edges, fit_arrivals, pulses};
-pub use even::{Even, even};
+pub use even::{Even, even, median};
 pub use exposures::Exposures;
 pub use flash::{FlashLag, find_lag, lit_intervals};
 pub use frames::{Arrived, free_running, lagging, match_pulses};
