@@ -84,11 +84,9 @@ impl Dataset {
 
     fn __getitem__(&self, name: &str) -> PyResult<DatasetCamera> {
         let folder = &self.0.folder;
-        folder.camera(name).map(|_| DatasetCamera { dataset: self.0.clone(), name: name.to_owned() }).ok_or_else(|| {
-            let known: Vec<&str> = folder.manifest.cameras.iter().map(|camera| camera.name.as_str()).collect();
-            let root = folder.root.display();
-            PyKeyError::new_err(format!("{root} has no camera '{name}'; there are {}", known.join(", ")))
-        })
+        let known = || folder.manifest.cameras.iter().map(|camera| camera.name.as_str());
+        let found = folder.camera(name).map(|_| DatasetCamera { dataset: self.0.clone(), name: name.to_owned() });
+        found.ok_or_else(|| errors::no_camera(&folder.root, name, known()))
     }
 
     fn __contains__(&self, name: &str) -> bool {

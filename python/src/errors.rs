@@ -1,10 +1,10 @@
 //! Errors and warnings of the libraries, in their own words.
 
-use std::{error::Error as StdError, ffi::CString};
+use std::{error::Error as StdError, ffi::CString, path::Path};
 
 use pyo3::{
     create_exception,
-    exceptions::{PyException, PyUserWarning},
+    exceptions::{PyException, PyKeyError, PyUserWarning},
     prelude::*,
 };
 
@@ -36,6 +36,12 @@ fn words(error: &dyn StdError) -> String {
 /// An error of a library as an exception.
 pub fn raised(error: impl StdError) -> PyErr {
     Error::new_err(words(&error))
+}
+
+/// That something has no camera of this name, but those that are `known`.
+pub fn no_camera<'a>(of: &Path, name: &str, known: impl Iterator<Item = &'a str>) -> PyErr {
+    let known = known.collect::<Vec<_>>().join(", ");
+    PyKeyError::new_err(format!("{} has no camera '{name}'; there are {known}", of.display()))
 }
 
 /// Warns of what was passed over.

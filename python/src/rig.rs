@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use erfgs_scene::rig_file::{RigCamera, RigFile};
-use pyo3::{exceptions::PyKeyError, prelude::*, types::PyDict};
+use pyo3::{prelude::*, types::PyDict};
 
 use crate::{errors, lens::Camera};
 
@@ -81,14 +81,8 @@ impl Rig {
     }
 
     fn __getitem__(&self, name: &str) -> PyResult<Camera> {
-        self.file.camera(name).map(camera).ok_or_else(|| {
-            let known: Vec<&str> = self.file.cameras.iter().map(|camera| camera.name.as_str()).collect();
-            PyKeyError::new_err(format!(
-                "{} has no camera '{name}'; there are {}",
-                self.path.display(),
-                known.join(", ")
-            ))
-        })
+        let known = || self.file.cameras.iter().map(|camera| camera.name.as_str());
+        self.file.camera(name).map(camera).ok_or_else(|| errors::no_camera(&self.path, name, known()))
     }
 
     fn __contains__(&self, name: &str) -> bool {

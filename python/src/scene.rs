@@ -16,12 +16,7 @@ use erfgs_splat::{
 };
 use glam::{DMat3, DVec3};
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
-use pyo3::{
-    exceptions::{PyKeyError, PyValueError},
-    prelude::*,
-    sync::PyOnceLock,
-    types::PyDict,
-};
+use pyo3::{exceptions::PyValueError, prelude::*, sync::PyOnceLock, types::PyDict};
 
 use crate::{arrays, errors, lens::Camera, times};
 
@@ -91,14 +86,9 @@ impl Scene {
     }
 
     fn recorded(&self, name: &str) -> PyResult<&RecordedCamera> {
-        self.record.cameras.iter().find(|camera| camera.name == name).ok_or_else(|| {
-            let known: Vec<&str> = self.record.cameras.iter().map(|camera| camera.name.as_str()).collect();
-            PyKeyError::new_err(format!(
-                "{} has no camera '{name}'; there are {}",
-                self.path.display(),
-                known.join(", ")
-            ))
-        })
+        let cameras = || self.record.cameras.iter();
+        let known = || cameras().map(|camera| camera.name.as_str());
+        cameras().find(|camera| camera.name == name).ok_or_else(|| errors::no_camera(&self.path, name, known()))
     }
 
     fn view(&self, viewpoint: &Viewpoint<'_>) -> PyResult<View> {
