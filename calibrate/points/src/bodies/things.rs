@@ -106,7 +106,10 @@ impl Things {
                 if found.ball.is_none() && !found.falls && !bounces {
                     let right_m = cell_m.max(RIGHT_TO * named.track.radius_m);
                     named.track.fall = Some(fall);
-                    *found = thing(index, named, right_m);
+                    let falling = thing(index, named, right_m);
+                    if falling.falls {
+                        *found = falling;
+                    }
                 }
             }
         }
