@@ -7,7 +7,7 @@ use crate::{
 };
 
 const BANDWIDTH: CheckName = CheckName::Bandwidth;
-/// Frames beside other devices are so much fewer than alone before it is per_second, as a share.
+/// Frames beside other devices are so much fewer than alone before that is a warning, as a share.
 const FEWER_FRAMES: f64 = 0.05;
 /// The rate of events depends on what moves before the lens: so much less may be chance.
 const FEWER_EVENTS: f64 = 0.5;

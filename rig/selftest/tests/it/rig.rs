@@ -21,7 +21,7 @@ use erfgs_hardware_mocks::{
 };
 use erfgs_recorder::RigConfig;
 use erfgs_rig::{host_time::host_ns, usb::Bus};
-use erfgs_selftest::{CheckName, Options, Report, Verdict, run};
+use erfgs_selftest::{Check, CheckName, Options, Report, Verdict, run};
 use tempfile::TempDir;
 
 use crate::bus::{Clock, EmulatedBus};
@@ -187,26 +187,33 @@ pub struct Tested {
 /// A device, a check of it, and its verdict.
 pub type Complaint = (String, CheckName, Verdict);
 
+/// What is not right.
+pub fn complaints(checks: &[Check]) -> Vec<Complaint> {
+    let bad = checks.iter().filter(|check| check.verdict > Verdict::Ok);
+    bad.map(|check| (check.device.clone(), check.check, check.verdict)).collect()
+}
+
+/// What a check says of a device.
+pub fn check_of<'a>(checks: &'a [Check], device: &str, name: CheckName) -> Option<&'a Check> {
+    checks.iter().find(|check| (check.device.as_str(), check.check) == (device, name))
+}
+
 impl Tested {
-    /// What is not right.
     pub fn complaints(&self) -> Vec<Complaint> {
-        let checks = self.report.checks.iter().filter(|check| check.verdict > Verdict::Ok);
-        checks.map(|check| (check.device.clone(), check.check, check.verdict)).collect()
+        complaints(&self.report.checks)
     }
 
     pub fn verdict(&self, device: &str, name: CheckName) -> Option<Verdict> {
-        let check = self.report.checks.iter().find(|check| (check.device.as_str(), check.check) == (device, name));
-        check.map(|check| check.verdict)
+        check_of(&self.report.checks, device, name).map(|check| check.verdict)
     }
 
     pub fn found(&self, device: &str, name: CheckName) -> &str {
-        let check = self.report.checks.iter().find(|check| (check.device.as_str(), check.check) == (device, name));
-        check.map_or("", |check| check.found.as_str())
+        check_of(&self.report.checks, device, name).map_or("", |check| check.found.as_str())
     }
 
     /// All lines, for a message of a test that fails.
     pub fn lines(&self) -> String {
-        let line = |check: &erfgs_selftest::Check| {
+        let line = |check: &Check| {
             format!("{} {} {}: {}\n", check.verdict.name(), check.device, check.check.name(), check.found)
         };
         self.report.checks.iter().map(line).collect()

@@ -12,6 +12,8 @@ use erfgs_selftest::{
 };
 use erfgs_session::Session;
 
+use crate::rig::{check_of, complaints};
+
 /// Two triggered cameras and a free one, an EVK4 and a DAVIS346, for two seconds.
 fn plan(faults: Vec<Fault>) -> Plan {
     let mut plan = Plan::small().unwrap();
@@ -39,15 +41,6 @@ fn checks(faults: Vec<Fault>) -> Vec<Check> {
     judge(&Findings { devices, together: Together::Recorded(Box::new(recording)) })
 }
 
-fn complaints(checks: &[Check]) -> Vec<(&str, C, Verdict)> {
-    let bad = checks.iter().filter(|check| check.verdict > Verdict::Ok);
-    bad.map(|check| (check.device.as_str(), check.check, check.verdict)).collect()
-}
-
-fn verdict(checks: &[Check], device: &str, name: C) -> Option<Verdict> {
-    checks.iter().find(|check| check.device == device && check.check == name).map(|check| check.verdict)
-}
-
 #[test]
 fn a_sound_take_has_no_fault_and_its_pulses_are_known_everywhere() {
     let checks = checks(Vec::new());
@@ -62,7 +55,12 @@ fn a_sound_take_has_no_fault_and_its_pulses_are_known_everywhere() {
         ("board", C::BoardAnswers),
         ("event0", C::ClockRate),
     ] {
-        assert_eq!(verdict(&checks, device, name), Some(Verdict::Ok), "{device} {}\n{checks:#?}", name.name());
+        assert_eq!(
+            check_of(&checks, device, name).map(|check| check.verdict),
+            Some(Verdict::Ok),
+            "{device} {}\n{checks:#?}",
+            name.name()
+        );
     }
 }
 
@@ -81,11 +79,9 @@ fn pulses_and_clocks_that_go_wrong_are_found_by_the_camera() {
         ("rgb0", C::FramePerPulse, Bad),
         ("board", C::Pulses, Warning),
     ];
+    let expected = expected.map(|(device, check, verdict)| (device.to_owned(), check, verdict));
     assert_eq!(complaints(&checks), expected, "{checks:#?}");
-    let found = |device: &str, name: C| {
-        let check = checks.iter().find(|check| check.device == device && check.check == name);
-        check.map_or("", |check| check.found.as_str())
-    };
+    let found = |device, name| check_of(&checks, device, name).map_or("", |check| check.found.as_str());
     assert!(found("rgb0", C::FramePerPulse).starts_with("3 of"), "{checks:#?}");
     assert!(found("davis", C::TriggerEdges).starts_with("1 of"), "{checks:#?}");
     assert!(found("board", C::Pulses).contains("lines of 2 of"), "{checks:#?}");

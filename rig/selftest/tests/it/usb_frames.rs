@@ -1,6 +1,13 @@
 //! Faults of USB3 Vision cameras, and of their cables and wires.
 
-use std::{thread, time::Duration};
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering::SeqCst},
+    },
+    thread,
+    time::Duration,
+};
 
 use erfgs_hardware_mocks::usb::{Evk4Options, FaultKind, Speed, U3vFaults, U3vOptions, clock::ClockError, u3v::STREAM};
 use erfgs_rig::host_time::host_ns;
@@ -113,8 +120,10 @@ fn a_triggered_camera_that_does_not_wait() {
     let mut bench = Bench::new();
     bench.triggered();
     let line = bench.frames.clone();
+    let done = Arc::new(AtomicBool::new(false));
+    let ended = Arc::clone(&done);
     let noise = thread::spawn(move || {
-        for _ in 0..200 {
+        while !ended.load(SeqCst) {
             let at_ns = host_ns();
             line.push(at_ns, true);
             line.push(at_ns + 1_000_000, false);
@@ -122,6 +131,7 @@ fn a_triggered_camera_that_does_not_wait() {
         }
     });
     let tested = bench.test(500);
+    done.store(true, SeqCst);
     noise.join().unwrap();
     assert_eq!(tested.verdict("mono", C::WaitsForTrigger), Some(Fault), "{}", tested.lines());
     assert_eq!(tested.verdict("mono", C::Losses), Some(Ok), "{}", tested.lines());
