@@ -173,6 +173,8 @@ struct Gathering {
     reader: Reader,
     /// The count of the last frame.
     counted: Option<u32>,
+    /// The driver reported a break, and nothing is dated since.
+    after_break: bool,
     /// Device time and arrival of each packet, apart for each stretch between two breaks.
     samples: Vec<Vec<Sample>>,
 }
@@ -181,7 +183,7 @@ impl Gathering {
     fn new(description: Description, decoder: Option<StreamDecoder>) -> Self {
         let observed = Observed::nothing(description);
         let (lines, reader) = (BoardLines::default(), Reader::new());
-        Self { observed, decoder, lines, reader, counted: None, samples: vec![Vec::new()] }
+        Self { observed, decoder, lines, reader, counted: None, after_break: false, samples: vec![Vec::new()] }
     }
 
     fn take(&mut self, packet: &Packet, start_ns: i64) {
@@ -229,8 +231,12 @@ impl Gathering {
         let PacketSink { last_us, breaks, span_us, longest_us, .. } = found;
         let whole = breaks == 0 && !packet.discontinuity;
         events.holes.take(span_us.filter(|_| whole), longest_us);
-        if breaks > 0 && !packet.discontinuity && !is_first {
-            events.unexplained_breaks += breaks;
+        // A break shows at the first time word behind it, which may come in a later packet.
+        self.after_break |= packet.discontinuity;
+        let unexplained = breaks.saturating_sub(u64::from(self.after_break));
+        self.after_break &= breaks == 0 && last_us.is_none();
+        if unexplained > 0 && !is_first {
+            events.unexplained_breaks += unexplained;
             self.samples.push(Vec::new());
         }
         if let Some(t_us) = last_us {
@@ -414,5 +420,50 @@ impl Sink for PacketSink<'_> {
         self.breaks += 1;
         // What came before it is of another time.
         self.last_us = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use erfgs_events::EventEncoding;
+    use serde_json::Map;
+
+    use super::*;
+
+    /// EVT3: a time word of 4.096 ms, a row, and an event in it.
+    const fn time(milliseconds: u16) -> u16 {
+        0x8000 | milliseconds / 4
+    }
+    const ROW: u16 = 0x0005;
+    const EVENT: u16 = 0x2805;
+
+    /// Packets of words, each behind a break that the driver reports or not; how many breaks are not explained.
+    fn unexplained(packets: &[(bool, &[u16])]) -> u64 {
+        let mut description = Description::trigger_board("eye", Map::new());
+        description.encoding = Encoding::Events(EventEncoding::Evt3);
+        let mut gathering = Gathering::new(description, Some(StreamDecoder::new(EventEncoding::Evt3, None)));
+        for (sequence, (discontinuity, words)) in packets.iter().enumerate() {
+            let payload: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+            let packet = Packet {
+                sequence: sequence as u64,
+                host_ns: sequence as i64 * 4_000_000,
+                discontinuity: *discontinuity,
+                damaged: false,
+                stamp: None,
+                payload: payload.into(),
+            };
+            gathering.take(&packet, 0);
+        }
+        gathering.finish().events.unwrap().unexplained_breaks
+    }
+
+    #[test]
+    fn a_break_that_the_driver_reports_explains_the_first_time_word_behind_it_and_no_other() {
+        let (first, back) = ([time(400), ROW, EVENT], [time(8), time(12), ROW, EVENT]);
+        assert_eq!(unexplained(&[(false, &first), (true, &[time(480), ROW, EVENT])]), 0);
+        // The first packet behind it is cut off before its first time word.
+        assert_eq!(unexplained(&[(false, &first), (true, &[ROW, EVENT]), (false, &[time(480), ROW, EVENT])]), 0);
+        assert_eq!(unexplained(&[(false, &first), (false, &back)]), 1);
+        assert_eq!(unexplained(&[(false, &first), (true, &[time(480), ROW, EVENT]), (false, &back)]), 1);
     }
 }

@@ -136,6 +136,18 @@ fn losses_have_their_stage_and_its_remedy() {
 }
 
 #[test]
+fn packets_of_a_network_that_came_twice_were_late_and_not_lost() {
+    let losses = |asked: f64, doubled: f64, late: f64| {
+        let readings = [("asked_packets", asked), ("doubled_packets", doubled), ("late_packets", late)];
+        let mut findings = findings("[[camera]]\nid = \"cam\"", vec![(None, stream("cam", "grey8", json!({})))]);
+        findings.devices[0].readings = readings.map(|(name, value)| (name.to_owned(), value)).into();
+        check(&findings, "cam", CheckName::Losses).verdict
+    };
+    assert_eq!([losses(0.0, 0.0, 0.0), losses(8.0, 5.0, 3.0), losses(0.0, 4.0, 0.0)], [Good; 3]);
+    assert_eq!([losses(8.0, 0.0, 0.0), losses(8.0, 5.0, 2.0)], [Warning; 2]);
+}
+
+#[test]
 fn a_clock_is_judged_by_what_is_certain() {
     let rate = |ppm: f64, uncertainty_ppm: f64| {
         let clock = Some(RateFit::Even(Rate { ppm, uncertainty_ppm }));
