@@ -20,7 +20,7 @@ Every time is in microseconds: those of a recording begin with it and are the sa
 are refused raise `erfgs.Error` with what to do about it.
 """
 ORDER = ["open", "Recording", "Stream", "Frame", "Slice", "SliceDataset", "Clock", "ClockPart", "Rig", "Camera", "Dataset"]
-ORDER += ["DatasetCamera", "FrameTime", "Scene", "Rendering", "Gaussians", "FrameIterator", "SliceIterator", "EVENT_DTYPE", "Error", "DamageWarning"]
+ORDER += ["DatasetCamera", "FrameTime", "Scene", "Rendering", "Gaussians", "simulate", "Simulator", "FrameIterator", "SliceIterator", "EVENT_DTYPE", "Error", "DamageWarning"]
 
 
 def text(docs):
@@ -44,6 +44,8 @@ def signature(function, bound):
     said = [argument(name, default) for name, default in zip(plain, defaults)]
     if arguments.kwonlyargs:
         said += ["*", *(argument(name, default) for name, default in zip(arguments.kwonlyargs, arguments.kw_defaults))]
+    if arguments.kwarg:
+        said.append(f"**{argument(arguments.kwarg, None)}")
     back = f" -> {short(function.returns)}" if function.returns and ast.unparse(function.returns) != "None" else ""
     return f"({', '.join(said)}){back}"
 
@@ -54,7 +56,7 @@ def argument(name, default):
 
 
 def trees():
-    for file in ["_erfgs.pyi", "_types.py", "data.py"]:
+    for file in ["_erfgs.pyi", "_types.py", "data.py", "video.py"]:
         for node in ast.parse((PACKAGE / file).read_text()).body:
             if isinstance(node, (ast.ClassDef, ast.FunctionDef)):
                 yield node.name, node
@@ -74,8 +76,8 @@ def members(name, tree):
         docs = getattr(getattr(erfgs, name), node.name).__doc__
         if is_a(node, "property"):
             yield f"`{node.name}: {short(node.returns)}`", docs
-        elif node.name == "__init__":
-            yield f"`{name}{signature(node, True)}`", ""
+        elif node.name in ("__init__", "__new__"):
+            yield f"`{name}{signature(node, True)}`".replace(f" -> {name}`", "`"), ""
         elif node.name == "__getitem__":
             yield f"`[{node.args.args[-1].arg if node.args.args[1:] else 'name'}] -> {short(node.returns)}`", ""
         elif not node.name.startswith("_"):

@@ -1,4 +1,5 @@
-//! The Python module `erfgs`: thin over the rooms that read sessions, rigs and datasets, and draw reconstructions.
+//! The Python module `erfgs`: thin over the rooms that read sessions, rigs and datasets, draw reconstructions, and
+//! simulate event cameras.
 //!
 //! What is here turns arguments into those of a library, lets go of the interpreter's lock while the library works, and hands arrays
 //! over. Every time is in microseconds, as event cameras' are; those of libraries are in nanoseconds (`times.rs`).
@@ -12,6 +13,7 @@ mod reading;
 mod recording;
 mod rig;
 mod scene;
+mod simulator;
 mod times;
 
 use pyo3::prelude::*;
@@ -35,6 +37,8 @@ mod _erfgs {
     use super::rig::Rig;
     #[pymodule_export]
     use super::scene::Scene;
+    #[pymodule_export]
+    use super::simulator::Simulator;
     use super::*;
 
     #[pymodule_init]

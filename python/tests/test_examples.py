@@ -47,8 +47,15 @@ def test_scene(trained, tmp_path):
     assert sum(line.startswith("test00 at ") and float(line.split()[-2]) > 10 for line in said) == len(said) - 1 > 3
 
 
+def test_simulate():
+    said = run("simulate.py")
+    assert int(said[0].split()[0]) > 10_000 and len(said) == 6
+    columns = [int(line.split()[-1]) for line in said[1:]]
+    assert columns == sorted(columns) and columns[-1] - columns[0] > 90, "the disc crosses 115 columns between the middles"
+
+
 def test_all_examples_are_here():
-    assert {path.name for path in EXAMPLES.iterdir()} == {"slices.py", "voxels.py", "dataset.py", "scene.py"}
+    assert {path.name for path in EXAMPLES.iterdir()} == {"slices.py", "voxels.py", "dataset.py", "scene.py", "simulate.py"}
 
 
 def test_the_reference_is_that_of_this_module(monkeypatch):

@@ -22,6 +22,7 @@ from ._erfgs import (
     Recording,
     Rig,
     Scene,
+    Simulator,
     SliceIterator,
     Stream,
     __version__,
@@ -29,6 +30,7 @@ from ._erfgs import (
 )
 from ._types import EVENT_DTYPE, Frame, FrameTime, Gaussians, Rendering, Slice
 from .data import SliceDataset
+from .video import simulate
 
 __all__ = [
     "EVENT_DTYPE",
@@ -47,10 +49,12 @@ __all__ = [
     "Rendering",
     "Rig",
     "Scene",
+    "Simulator",
     "Slice",
     "SliceDataset",
     "SliceIterator",
     "Stream",
     "__version__",
     "open",
+    "simulate",
 ]

@@ -20,6 +20,7 @@ __all__ = [
     "Recording",
     "Rig",
     "Scene",
+    "Simulator",
     "SliceIterator",
     "Stream",
     "__version__",
@@ -279,3 +280,19 @@ class Scene:
     def render(self, camera: Union[str, Camera], t: int) -> Rendering: ...
     def gaussians(self, t: int) -> Gaussians: ...
     def __reduce__(self) -> Tuple[Any, ...]: ...
+
+@final
+class Simulator:
+    def __new__(
+        cls,
+        width: int,
+        height: int,
+        preset: Literal["noiseless", "clean", "noisy"] = "noiseless",
+        *,
+        seed: int = 0,
+        camera: str = "",
+        **parameters: Union[float, bool, str],
+    ) -> Simulator: ...
+    @property
+    def parameters(self) -> Dict[str, Any]: ...
+    def step(self, frame: Union[NDArray[np.uint8], NDArray[np.float32]], t: float) -> NDArray[np.void]: ...
