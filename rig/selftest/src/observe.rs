@@ -432,7 +432,7 @@ mod tests {
 
     /// EVT3: a time word of 4.096 ms, a row, and an event in it.
     const fn time(milliseconds: u16) -> u16 {
-        0x8000 | milliseconds / 4
+        0x8000 | (milliseconds / 4)
     }
     const ROW: u16 = 0x0005;
     const EVENT: u16 = 0x2805;
