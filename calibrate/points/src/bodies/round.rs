@@ -43,13 +43,15 @@ const LAST_STEP: f64 = 0.015;
 /// A thing is round if discs are off by at most so much at most instants; where they are off by more than is clear, and by
 /// so many times more than usual, it is not seen clearly.
 const ROUND: f64 = 0.19;
-/// The same of what is seen at two instants (`thrown.rs`): it flies, and others move behind it. Anything else is off by 0.38 and more.
-const ROUND_AT_TWO: f64 = 0.3;
 const CLEAR: f64 = 0.2;
 const CLEARER: f64 = 1.5;
 /// A point is beside a disc that is so many radii from its middle, and so large a share of a round thing's points is at most.
 const BESIDE: f64 = 1.35;
 const ASIDE: f64 = 0.11;
+/// The same two of what is seen at two instants (`thrown.rs`): it flies, others move behind it, and its hull has what it covers while
+/// the shutter is open. Anything else is off by 0.38 and more.
+const ROUND_AT_TWO: f64 = 0.3;
+const ASIDE_AT_TWO: f64 = 0.2;
 /// A disc has at least so many pixels from its middle to its edge.
 const SMALLEST_PX: f64 = 3.0;
 /// A ball is given at least and at most so many points.
@@ -80,7 +82,8 @@ impl Ball {
         let sure: Vec<&Shape> = shapes.iter().filter(|shape| track.sure[shape.moment]).collect();
         let step = sure.len().div_ceil(TELLING).max(1);
         let telling: Vec<&Shape> = sure.into_iter().step_by(step).collect();
-        let (fewest, most_off) = if shapes.len() == 2 { (2, ROUND_AT_TWO) } else { (FEWEST_INSTANTS, ROUND) };
+        let (fewest, most_off, most_aside) =
+            if shapes.len() == 2 { (2, ROUND_AT_TWO, ASIDE_AT_TWO) } else { (FEWEST_INSTANTS, ROUND, ASIDE) };
         if telling.len() < fewest {
             return None;
         }
@@ -95,7 +98,7 @@ impl Ball {
         let mut aside: Vec<f64> =
             sure.map(|(shape, (middle, _))| aside(film, path, shape, *middle, radius_m)).collect();
         aside.sort_unstable_by(f64::total_cmp);
-        if aside[aside.len() / 4] > ASIDE {
+        if aside[aside.len() / 4] > most_aside {
             return None;
         }
         let clear = found().filter(|(_, (_, misfit))| *misfit <= CLEAR.max(CLEARER * off));
