@@ -20,7 +20,7 @@ Every time is in microseconds: those of a recording begin with it and are the sa
 are refused raise `erfgs.Error` with what to do about it.
 """
 ORDER = ["open", "Recording", "Stream", "Frame", "Slice", "SliceDataset", "Clock", "ClockPart", "Rig", "Camera", "Dataset"]
-ORDER += ["DatasetCamera", "FrameTime", "Scene", "Rendering", "Gaussians", "simulate", "Simulator", "FrameIterator", "SliceIterator", "EVENT_DTYPE", "Error", "DamageWarning"]
+ORDER += ["DatasetCamera", "FrameTime", "Scene", "Rendering", "Gaussians", "train", "Training", "Trained", "simulate", "Simulator", "FrameIterator", "SliceIterator", "EVENT_DTYPE", "Error", "DamageWarning"]
 
 
 def text(docs):
@@ -56,7 +56,7 @@ def argument(name, default):
 
 
 def trees():
-    for file in ["_erfgs.pyi", "_types.py", "data.py", "video.py"]:
+    for file in ["_erfgs.pyi", "_types.py", "data.py", "training.py", "video.py"]:
         for node in ast.parse((PACKAGE / file).read_text()).body:
             if isinstance(node, (ast.ClassDef, ast.FunctionDef)):
                 yield node.name, node

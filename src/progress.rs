@@ -1,4 +1,4 @@
-//! Progress of long work: a bar with the time left on a terminal, a line now and then elsewhere.
+//! Progress of long work: a bar with the time left on a terminal, a line now and then elsewhere, or JSON for a program that shows it.
 
 use std::{
     io::IsTerminal,
@@ -8,11 +8,14 @@ use std::{
 
 use erfgs_base::names::printable;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde_json::{Value, json};
 
 /// Work that ends before this shows nothing.
 const QUIET_AT_FIRST: Duration = Duration::from_secs(2);
 /// How often a line is printed where stderr is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(30);
+/// How often a line of JSON is printed, at most.
+const JSON_EVERY: Duration = Duration::from_millis(200);
 /// Parts that the bar is divided into.
 const PARTS: u64 = 10_000;
 
@@ -26,21 +29,33 @@ pub struct Progress {
     last_line: Mutex<Instant>,
 }
 
+/// How progress is shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Shown {
+    /// A bar, or a line each half minute where stderr is no terminal
+    #[default]
+    Bar,
+    /// A line of JSON up to five times a second on stderr: {"progress": {"task", "share", "text"}}, with "values" of a training
+    Json,
+}
+
 #[derive(PartialEq)]
 enum Style {
     Silent,
     Bar,
     Lines,
+    Json,
 }
 
 impl Progress {
     /// Starts the clock.
-    pub fn new(label: &str, quiet: bool) -> Self {
+    pub fn new(label: &str, quiet: bool, shown: Shown) -> Self {
         let label = printable(label);
-        let style = match (quiet, std::io::stderr().is_terminal()) {
-            (true, _) => Style::Silent,
-            (false, true) => Style::Bar,
-            (false, false) => Style::Lines,
+        let style = match shown {
+            _ if quiet => Style::Silent,
+            Shown::Json => Style::Json,
+            Shown::Bar if std::io::stderr().is_terminal() => Style::Bar,
+            Shown::Bar => Style::Lines,
         };
         let bar = ProgressBar::hidden();
         bar.set_length(PARTS);
@@ -60,7 +75,7 @@ impl Progress {
     /// Nothing new is known, and the work goes on: says so now and then where stderr is no terminal, and keeps the bar moving.
     pub fn still(&self) {
         let Some(&(_, since)) = self.first.get() else { return };
-        if self.style == Style::Silent || since.elapsed() < QUIET_AT_FIRST {
+        if matches!(self.style, Style::Silent | Style::Json) || since.elapsed() < QUIET_AT_FIRST {
             return;
         }
         if self.style == Style::Bar {
@@ -79,6 +94,15 @@ impl Progress {
 
     /// `share` of the work (0 to 1) is finished; `message` says what else is worth knowing.
     pub fn share(&self, share: f64, message: impl FnOnce() -> String) {
+        self.values(share, message, false, || Value::Null);
+    }
+
+    /// The same with `values` for programs. `now`: they are not to be passed over.
+    pub fn values(&self, share: f64, message: impl FnOnce() -> String, now: bool, values: impl FnOnce() -> Value) {
+        if self.style == Style::Json {
+            self.json(share, message, now, values);
+            return;
+        }
         let &(first, since) = self.first.get_or_init(|| {
             self.bar.set_position((share * PARTS as f64) as u64);
             self.bar.reset_eta();
@@ -99,6 +123,22 @@ impl Progress {
         if last.elapsed() >= LINE_EVERY {
             *last = Instant::now();
             eprintln!("{}", line(&self.label, share, share - first, since.elapsed(), &message()));
+        }
+    }
+}
+
+impl Progress {
+    fn json(&self, share: f64, message: impl FnOnce() -> String, now: bool, values: impl FnOnce() -> Value) {
+        let is_first = self.first.set((share, Instant::now())).is_ok();
+        let Ok(mut last) = self.last_line.lock() else { return };
+        if is_first || now || last.elapsed() >= JSON_EVERY {
+            *last = Instant::now();
+            let mut progress = json!({ "task": self.label, "share": share, "text": message() });
+            let values = values();
+            if !values.is_null() {
+                progress["values"] = values;
+            }
+            eprintln!("{}", json!({ "progress": progress }));
         }
     }
 }

@@ -6,7 +6,7 @@ use anyhow::Context;
 use erfgs_base::names::printable;
 use serde::Serialize;
 
-use crate::progress::Progress;
+use crate::progress::{Progress, Shown};
 
 /// Options that every command takes.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -17,6 +17,17 @@ pub struct Terminal {
     /// No progress bars and no notes.
     #[arg(long, short, global = true, display_order = 901)]
     quiet: bool,
+    /// How progress is shown.
+    #[arg(
+        long,
+        global = true,
+        value_enum,
+        value_name = "HOW",
+        default_value = "bar",
+        hide_default_value = true,
+        display_order = 901
+    )]
+    progress: Shown,
     /// Log what the libraries do on stderr; the environment variable RUST_LOG filters it.
     #[arg(long, short, global = true, display_order = 902)]
     verbose: bool,
@@ -71,7 +82,7 @@ impl Terminal {
 
     /// A progress display for a piece of work.
     pub fn progress(&self, label: &str) -> Progress {
-        Progress::new(label, self.quiet)
+        Progress::new(label, self.quiet, self.progress)
     }
 }
 

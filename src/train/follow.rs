@@ -24,7 +24,7 @@ impl Watch for Follow {
         let &mut (iteration, seconds) = self.first.get_or_insert((now.iteration, now.seconds));
         self.quality = (now.psnr.or(self.quality.0), now.dpsnr.or(self.quality.1));
         let quality = self.quality;
-        self.bar.share(now.share, || {
+        let text = || {
             let pace = (now.iteration - iteration) as f64 / (now.seconds - seconds).max(1e-9);
             let mut text = format!(
                 "{} iteration {}, {pace:.1} a second, {} Gaussians",
@@ -36,7 +36,9 @@ impl Watch for Follow {
                 text.extend(value.map(|value| format!(", {name} {value:.2} dB")));
             }
             text
-        });
+        };
+        let is_look = now.psnr.is_some();
+        self.bar.values(now.share, text, is_look, || serde_json::to_value(now).unwrap_or_default());
         if let Some(live) = &mut self.live {
             live.progress(now, self.stop);
         }

@@ -30,6 +30,7 @@ from ._erfgs import (
 )
 from ._types import EVENT_DTYPE, Frame, FrameTime, Gaussians, Rendering, Slice
 from .data import SliceDataset
+from .training import Trained, Training, train
 from .video import simulate
 
 __all__ = [
@@ -54,7 +55,10 @@ __all__ = [
     "SliceDataset",
     "SliceIterator",
     "Stream",
+    "Trained",
+    "Training",
     "__version__",
     "open",
     "simulate",
+    "train",
 ]
