@@ -41,6 +41,7 @@ canonical Gaussians; point_cloud_t/00000.ply and so on hold them as they stand a
   e4d   the scene of such a page alone, packed, for `erfgs view` (docs/reference/scene-file.md describes it)
   4dgs  the open container of 4D Gaussians, for its readers in several languages (https://4dgs.dev)
   gltf  one instant (--at) as binary glTF with Khronos' KHR_gaussian_splatting, for engines and editors
+  spz   one instant (--at) in Niantic's packed format, a fifth as large, for viewers in browsers
 
 A dataset gives its frames, cameras and initial points as other trainers read them; frames.csv has the times and the split:
   colmap      images/ and a model in sparse/0, as 3DGS and most trainers after it read them
@@ -74,6 +75,7 @@ Examples:
   erfgs export sweep --to html --out take.html
   erfgs export run --to e4d --out throw.e4d
   erfgs export run --to gltf --at 0.35 --out throw.glb
+  erfgs export run --to spz --at 0.35 --out throw.spz
   erfgs export ds --to colmap --out ds-colmap
   erfgs export S.mcap --to raw --stream ev0 --out ev0.raw
   erfgs export S.mcap --to mp4 --out videos
@@ -105,7 +107,7 @@ pub struct Arguments {
     /// Keep all numbers to the bit, in a file five times as large (html, e4d).
     #[arg(long, help_heading = "Of a run")]
     exact: bool,
-    /// The instant that gltf shows, seconds from the start of the recording. Default: the middle.
+    /// The instant that gltf and spz show, seconds from the start of the recording. Default: the middle.
     #[arg(long, value_name = "SECONDS", value_parser = crate::parse::seconds, help_heading = "Of a run")]
     at: Option<f64>,
     /// One stream, by its name in `erfgs info`.
@@ -173,10 +175,11 @@ fn to(text: &str) -> Result<To, String> {
         "e4d" => Ok(To::Scene(SceneFormat::E4d)),
         "4dgs" => Ok(To::Scene(SceneFormat::FourDgs)),
         "gltf" => Ok(To::Scene(SceneFormat::Gltf)),
+        "spz" => Ok(To::Scene(SceneFormat::Spz)),
         "nerfstudio" => Ok(To::Dataset(Layout::Nerfstudio)),
         _ => Format::from_str(text, false).map(To::Streams).map_err(|_| {
             format!(
-                "{STREAM_FORMATS} for streams, colmap or nerfstudio for a dataset, html, e4d, 4dgs or gltf for a run"
+                "{STREAM_FORMATS} for streams, colmap or nerfstudio for a dataset, html, e4d, 4dgs, gltf or spz for a run"
             )
         }),
     }
@@ -323,7 +326,7 @@ impl Arguments {
             ("--instants", self.instants.is_some(), is_run && !is_scene, "a run without --to"),
             ("--take", self.take.is_some(), is_run && is_scene, "a sweep (--to html)"),
             ("--exact", self.exact, is_run && is_scene, "a run (--to html or e4d)"),
-            ("--at", self.at.is_some(), is_run && is_scene, "a run (--to gltf)"),
+            ("--at", self.at.is_some(), is_run && is_scene, "a run (--to gltf or spz)"),
         ];
         if let Some((name, _, _, of)) = given.into_iter().find(|(_, is_given, fits, _)| *is_given && !fits) {
             return Err(Usage(format!("{name} is for {of}, and nothing of '{}' is exported by it", input.display())));

@@ -9,6 +9,7 @@ use erfgs_view::{
     fourdgs::{self, Written},
     gltf,
     scene_file::fidelity,
+    spz,
 };
 use serde::Serialize;
 
@@ -30,6 +31,8 @@ pub enum SceneFormat {
     FourDgs,
     /// An instant, as glTF.
     Gltf,
+    /// An instant, packed for viewers.
+    Spz,
 }
 
 impl SceneFormat {
@@ -40,7 +43,13 @@ impl SceneFormat {
             Self::E4d => "scene.e4d",
             Self::FourDgs => "scene.4dgs",
             Self::Gltf => "scene.glb",
+            Self::Spz => "scene.spz",
         }
+    }
+
+    /// Whether it holds one instant.
+    fn is_instant(self) -> bool {
+        matches!(self, Self::Gltf | Self::Spz)
     }
 }
 
@@ -55,7 +64,7 @@ pub struct SceneOptions<'a> {
     pub force: bool,
     /// Whether numbers are kept to the bit.
     pub exact: bool,
-    /// The instant that glTF shows, seconds from the start of the recording.
+    /// The instant that glTF and SPZ show, seconds from the start of the recording.
     pub at: Option<f64>,
 }
 
@@ -105,11 +114,12 @@ pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> 
     let folder = run.folder()?;
     let file = out.map_or_else(|| folder.root().join(format.name()), Path::to_owned);
     not_over(&file, force)?;
-    if exact && matches!(format, SceneFormat::FourDgs | SceneFormat::Gltf) {
-        return Err(Usage("--exact is for html and e4d; 4dgs has its own coding, and gltf is exact".into()).into());
+    if exact && (format == SceneFormat::FourDgs || format.is_instant()) {
+        let why = "--exact is for html and e4d; 4dgs and spz have their own coding, and gltf is exact";
+        return Err(Usage(why.into()).into());
     }
-    if at.is_some() && format != SceneFormat::Gltf {
-        return Err(Usage("--at is for gltf, which holds one instant".into()).into());
+    if at.is_some() && !format.is_instant() {
+        return Err(Usage("--at is for gltf and spz, which hold one instant".into()).into());
     }
     let gpu = run.device()?;
     let mut scene = run.scene(&gpu, &folder)?;
@@ -118,7 +128,7 @@ pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> 
         let on_progress = &mut |done, of| progress.update(done, of, "instants");
         let Written { bytes, gaussians, left_out } = fourdgs::write(&mut scene, on_progress)?;
         (bytes, gaussians, None, left_out)
-    } else if format == SceneFormat::Gltf {
+    } else if format.is_instant() {
         let [start, end] = scene.record().span_ns;
         let seconds = end.saturating_sub(start) as f64 / 1e9;
         let at = at.unwrap_or(seconds / 2.0);
@@ -126,7 +136,13 @@ pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> 
             return Err(Usage(format!("--at {at} is behind the end: the recording is {seconds:.3} s long")).into());
         }
         let cloud = GaussianCloud::from(&scene.gaussians_at(at / seconds.max(f64::MIN_POSITIVE))?);
-        let gltf::Written { bytes, gaussians } = gltf::write(&cloud)?;
+        let (bytes, gaussians) = if format == SceneFormat::Spz {
+            let spz::Written { bytes, gaussians } = spz::write(&cloud)?;
+            (bytes, gaussians)
+        } else {
+            let gltf::Written { bytes, gaussians } = gltf::write(&cloud)?;
+            (bytes, gaussians)
+        };
         let faint = cloud.len() - gaussians;
         let left_out = (faint > 0).then(|| format!("{} Gaussians that cannot be seen then", thousands(faint as u64)));
         (bytes, gaussians, None, left_out.into_iter().collect())

@@ -431,6 +431,10 @@ fn scene_files_keep_what_is_seen(folder: &Folder) {
     let gltf = folder.figures("export run --to gltf --at 0.1 --out scene.glb");
     assert!(gltf["gaussians"].as_u64().expect("a count") <= headers[0]["count"].as_u64().expect("a count"), "{gltf}");
     assert!(std::fs::read(folder.path("scene.glb")).expect("a file").starts_with(b"glTF\x02\0\0\0"));
+    let spz = folder.figures("export run --to spz --at 0.1 --out scene.spz");
+    assert_eq!(spz["gaussians"], gltf["gaussians"]);
+    assert!(4 * spz["bytes"].as_u64().expect("a size") < gltf["bytes"].as_u64().expect("a size"), "{spz} {gltf}");
+    assert!(folder.fail(2, "export run --to spz --exact --out b.spz").contains("their own coding"));
     assert!(folder.fail(2, "export run --to gltf --at 99 --out b.glb").contains("behind the end"));
     assert!(folder.fail(2, "export run --to e4d --at 0.1 --out b.e4d").contains("--at"));
     let open = folder.figures("export run --to 4dgs --out scene.4dgs");

@@ -99,7 +99,7 @@ fn a_run_without_its_dataset_is_rendered_exported_and_shown() {
             folder.succeed(&format!("render {run} --path orbit --frames 3 --out {to}-{run}"));
             folder.succeed(&format!("render {run} --path camera rgb01 --times 0.1 --format exr --out {to}-exr-{run}"));
             folder.succeed(&format!("export {run} --instants 2 --out {to}-ply-{run}"));
-            for format in ["html", "e4d", "4dgs", "gltf"] {
+            for format in ["html", "e4d", "4dgs", "gltf", "spz"] {
                 folder.succeed(&format!("export {run} --to {format} --out {to}/{run}.{format}"));
             }
         }

@@ -1,18 +1,13 @@
 //! Gaussians at an instant as binary glTF (`.glb`) with the extension `KHR_gaussian_splatting`, as Khronos ratified it: linear scales, opacities from
 //! 0 to 1, unit quaternions x, y, z, w, the harmonics of 3D Gaussian splatting, colours as they are displayed.
 //!
-//! The axes of glTF are x right, y up, z backward, those of cameras here x right, y down, z forward: all is turned half around x, the
-//! harmonics too.
+//! All is in the axes of OpenGL (`upright.rs`).
 
 use erfgs_scene::{ply::GaussianCloud, srgb};
-use erfgs_splat::gaussians::{SH_C0, sigmoid};
+use erfgs_splat::gaussians::SH_C0;
 use serde_json::{Map, Value, json};
 
-/// What is fainter is not written.
-const LEAST_OPACITY: f32 = 1.0 / 255.0;
-/// Of each degree, the signs of the harmonics that are turned half around x.
-const TURNED: [&[f32]; 4] =
-    [&[1.0], &[-1.0, -1.0, 1.0], &[-1.0, 1.0, 1.0, -1.0, 1.0], &[-1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0]];
+use crate::upright::{HARMONICS, NothingSeen, opacity, place, rotation, seen};
 
 const FLOAT: u32 = 5126;
 const UNSIGNED_BYTE: u32 = 5121;
@@ -100,8 +95,8 @@ pub struct Written {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GltfError {
     /// None is left.
-    #[error("at this instant no Gaussian can be seen; take another with --at")]
-    Nothing,
+    #[error(transparent)]
+    Nothing(#[from] NothingSeen),
     /// Lengths in such a file have 32 bits.
     #[error("the Gaussians take more than the 4 GiB that a binary glTF file has room for")]
     TooLong,
@@ -112,14 +107,10 @@ pub enum GltfError {
 /// # Errors
 /// [`GltfError`].
 pub fn write(cloud: &GaussianCloud) -> Result<Written, GltfError> {
-    let opacity = |index: usize| sigmoid(cloud.opacity_logits[index]);
-    let seen: Vec<usize> = (0..cloud.len()).filter(|&index| opacity(index) >= LEAST_OPACITY).collect();
-    if seen.is_empty() {
-        return Err(GltfError::Nothing);
-    }
+    let seen = seen(cloud)?;
     let mut glb = Glb::default();
     let each = |of: &dyn Fn(usize) -> Vec<f32>| -> Vec<f32> { seen.iter().flat_map(|&index| of(index)).collect() };
-    let positions: Vec<[f32; 3]> = seen.iter().map(|&index| turned(cloud.positions[index])).collect();
+    let positions: Vec<[f32; 3]> = seen.iter().map(|&index| place(cloud.positions[index])).collect();
     let end = |better: fn(f32, f32) -> f32| {
         positions.iter().copied().reduce(|a, b| std::array::from_fn(|axis| better(a[axis], b[axis])))
     };
@@ -137,10 +128,10 @@ pub fn write(cloud: &GaussianCloud) -> Result<Written, GltfError> {
         &each(&|index| cloud.log_scales[index].map(f32::exp).to_vec()),
         Value::Null,
     );
-    glb.floats("KHR_gaussian_splatting:OPACITY", "SCALAR", &each(&|index| vec![opacity(index)]), Value::Null);
+    glb.floats("KHR_gaussian_splatting:OPACITY", "SCALAR", &each(&|index| vec![opacity(cloud, index)]), Value::Null);
     let stride = cloud.sh_stride();
     let mut first = 0;
-    for (degree, signs) in TURNED.iter().enumerate().take(cloud.sh_degree as usize + 1) {
+    for (degree, signs) in HARMONICS.iter().enumerate().take(cloud.sh_degree as usize + 1) {
         for (index, sign) in signs.iter().enumerate() {
             let coefficient = |row: usize| -> Vec<f32> {
                 let from = row * stride + 3 * (first + index);
@@ -155,7 +146,7 @@ pub fn write(cloud: &GaussianCloud) -> Result<Written, GltfError> {
     let colours = seen.iter().flat_map(|&index| {
         let [r, g, b] =
             [0, 1, 2].map(|channel| srgb::decode((0.5 + SH_C0 * cloud.sh[index * stride + channel]).clamp(0.0, 1.0)));
-        [r, g, b, opacity(index)].map(|value| (value * 255.0).round() as u8)
+        [r, g, b, opacity(cloud, index)].map(|value| (value * 255.0).round() as u8)
     });
     let accessor = json!({ "componentType": UNSIGNED_BYTE, "normalized": true, "count": seen.len(), "type": "VEC4" });
     glb.attribute("COLOR_0", accessor, Value::Null);
@@ -163,22 +154,10 @@ pub fn write(cloud: &GaussianCloud) -> Result<Written, GltfError> {
     Ok(Written { bytes: glb.file()?, gaussians: seen.len() })
 }
 
-/// A place, turned half around x.
-fn turned([x, y, z]: [f32; 3]) -> [f32; 3] {
-    [x, -y, -z]
-}
-
-/// A rotation (w, x, y, z, of any length), followed by half a turn around x: x, y, z, w of length 1.
-fn rotation(wxyz: [f32; 4]) -> [f32; 4] {
-    let length = wxyz.iter().map(|part| part * part).sum::<f32>().sqrt();
-    // A quaternion of nothing turns nothing.
-    let [w, x, y, z] = if length > 0.0 { wxyz.map(|part| part / length) } else { [1.0, 0.0, 0.0, 0.0] };
-    [w, -z, y, -x]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::upright::tests::harmonics;
 
     #[test]
     fn what_can_be_seen_is_written_in_the_axes_and_terms_of_gltf() {
@@ -218,36 +197,13 @@ mod tests {
             .flat_map(|name| floats(&name))
             .collect();
         for way in [[0.6, -0.64, 0.48], [-0.36, 0.48, 0.8], [0.0, 0.0, 1.0]] {
-            let [own, there] = [(&sh[48..], way), (&flat[..], turned(way))].map(|(sh, way)| {
+            let [own, there] = [(&sh[48..], way), (&flat[..], place(way))].map(|(sh, way)| {
                 let basis = harmonics(way);
                 (0..3).map(|channel| (0..16).map(|k| basis[k] * sh[3 * k + channel]).sum::<f32>()).sum::<f32>()
             });
             assert!((own - there).abs() < 1e-5 * own.abs(), "{way:?}: {own} {there}");
         }
         let nothing = GaussianCloud { opacity_logits: vec![-40.0; 2], ..cloud };
-        assert_eq!(write(&nothing), Err(GltfError::Nothing));
-    }
-
-    /// The functions of the extension's appendix, but for their factors, which turning does not change.
-    fn harmonics([x, y, z]: [f32; 3]) -> [f32; 16] {
-        let (xx, yy, zz) = (x * x, y * y, z * z);
-        [
-            1.0,
-            y,
-            z,
-            x,
-            x * y,
-            y * z,
-            2.0 * zz - xx - yy,
-            x * z,
-            xx - yy,
-            y * (3.0 * xx - yy),
-            x * y * z,
-            y * (4.0 * zz - xx - yy),
-            z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
-            x * (4.0 * zz - xx - yy),
-            z * (xx - yy),
-            x * (xx - 3.0 * yy),
-        ]
+        assert_eq!(write(&nothing), Err(GltfError::Nothing(NothingSeen)));
     }
 }

@@ -3,7 +3,7 @@
 //! - [`scene_file`]: what a page needs to know of a run, in one file.
 //! - [`alone`]: the page and its scenes as one file.
 //! - [`fourdgs`]: the same for the readers of the open container of 4D Gaussians.
-//! - [`gltf`]: an instant of it for what reads glTF.
+//! - [`gltf`], [`spz`]: an instant of it for what reads these.
 //! - [`server`]: the page and what it asks for, over HTTP.
 //! - [`training`]: what a page is told of a run that is being trained.
 //! - `page/`: the page itself, in plain JavaScript; it draws with the kernels of the trainer ([`erfgs_splat::shaders`]) on WebGPU.
@@ -17,11 +17,14 @@ mod recorded;
 mod routes;
 pub mod scene_file;
 pub mod server;
+pub mod spz;
 mod texts;
 pub mod training;
+mod upright;
 mod window;
 
 pub use scene_file::{Learned, Precision, SceneFile};
 pub use server::{Ask, Compared, FrameError, Model, ViewPage};
 pub use training::LiveTraining;
+pub use upright::NothingSeen;
 pub use window::Window;
