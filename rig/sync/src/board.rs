@@ -18,6 +18,9 @@ use erfgs_session::trigger::protocol::{self, BAUD, Message, Pulse, Reader, Reply
 pub const NS_PER_TICK: f64 = 1e9 / TICK_HZ as f64;
 /// Rates of crystals drift with the temperature, over minutes.
 const WINDOW_NS: i64 = 60_000_000_000;
+/// Those of ceramic resonators do so faster. A board that is off by more than a crystal can be has one.
+const RESONATOR_WINDOW_NS: i64 = 10_000_000_000;
+const CRYSTAL_PPM: f64 = 1000.0;
 /// Ten bits for each byte.
 const NS_PER_BYTE: i64 = 10_000_000_000 / BAUD as i64;
 /// An echoed time that is farther from its answer is not the host's.
@@ -62,7 +65,11 @@ impl BoardLines {
     pub fn finish(self) -> Result<Board, FitError> {
         let resets = self.epochs.len().saturating_sub(1) as u64;
         let epoch = self.epochs.into_iter().max_by_key(|epoch| epoch.pulses.len()).unwrap_or_default();
-        let mut clock = Clock::fit(&epoch.arrivals, NS_PER_TICK, Evidence::Arrival, Errors::Late, WINDOW_NS)?;
+        let fit = |window_ns| Clock::fit(&epoch.arrivals, NS_PER_TICK, Evidence::Arrival, Errors::Late, window_ns);
+        let mut clock = fit(WINDOW_NS)?;
+        if clock.rate_error_ppm().abs() > CRYSTAL_PPM {
+            clock = fit(RESONATOR_WINDOW_NS)?;
+        }
         // How much earlier the clock could be before a command would be received before it was sent.
         let slack = epoch.commands.iter().map(|command| -clock.distance_ns(command)).fold(f64::INFINITY, f64::min);
         let bounds = if !slack.is_finite() {

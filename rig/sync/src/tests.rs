@@ -109,10 +109,13 @@ fn camera_edges(times: &[f64], camera: Crystal, lost: impl Fn(u64) -> bool) -> V
         .collect()
 }
 
-const CRYSTALS: [(Crystal, Crystal); 3] = [
+/// Of boards and of cameras. The last two boards have a ceramic resonator, as an Arduino Uno has.
+const CRYSTALS: [(Crystal, Crystal); 5] = [
     (Crystal { ppm: 100.0, drift: 1.0 }, Crystal { ppm: -100.0, drift: -1.0 }),
     (Crystal { ppm: -100.0, drift: 1.0 }, Crystal { ppm: 100.0, drift: 1.0 }),
     (Crystal { ppm: 20.0, drift: 0.0 }, Crystal { ppm: -7.0, drift: 0.0 }),
+    (Crystal { ppm: 4900.0, drift: 10.0 }, Crystal { ppm: -20.0, drift: 0.1 }),
+    (Crystal { ppm: -3100.0, drift: 0.0 }, Crystal { ppm: 40.0, drift: -0.1 }),
 ];
 
 #[test]

@@ -6,9 +6,13 @@
 
 use super::fit::{ClockFit, Evidence, FitError, Residuals, Sample};
 
-/// A crystal that is farther off is none: such a slope comes from samples that lie too close together, and the nominal
-/// rate is the better guess.
-const MAX_RATE_ERROR: f64 = 1e-3;
+/// So far off a crystal is at most, as a share of its rate. A slope beyond comes from samples that lie too close together, and the nominal rate
+/// is the better guess; or from a ceramic resonator, such as an Arduino Uno has (0.5 % and what warmth adds).
+const CRYSTAL: f64 = 1e-3;
+const RESONATOR: f64 = 1e-2;
+/// A resonator is believed in where its rate explains so many times what scatters about the line, from so many samples on.
+const CLEAR: f64 = 10.0;
+const FEWEST_CLEAR: usize = 8;
 
 /// How outliers are kept from a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,9 +71,27 @@ impl Centred {
         Ok(Self { origin, nominal: nominal_ns_per_tick, points })
     }
 
+    /// Whether a clock can have a rate that was found from `points`.
+    fn is_plausible(&self, slope: f64, points: &[(f64, f64)]) -> bool {
+        let off = slope.abs() / self.nominal.abs();
+        if off.is_nan() || off > RESONATOR {
+            return false;
+        }
+        if off <= CRYSTAL {
+            return true;
+        }
+        let spread = |values: Vec<f64>| {
+            let middle = median(values.clone());
+            median(values.into_iter().map(|value| (value - middle).abs()).collect())
+        };
+        let explained = slope.abs() * spread(points.iter().map(|point| point.0).collect());
+        let left = spread(points.iter().map(|point| point.1 - slope * point.0).collect());
+        points.len() >= FEWEST_CLEAR && explained > CLEAR * left.max(self.nominal.abs())
+    }
+
     /// The line, or one of nominal rate through the median if its rate cannot be.
     fn plausible(&self, line: Line, points: &[(f64, f64)]) -> Line {
-        if line.slope.is_finite() && line.slope.abs() <= MAX_RATE_ERROR * self.nominal {
+        if self.is_plausible(line.slope, points) {
             return line;
         }
         Line { offset: median(points.iter().map(|point| point.1).collect()), slope: 0.0 }
@@ -171,7 +193,7 @@ pub fn fit_lower_envelope(
     // The line of least total delay lies on the edge of the hull above which the mean lies.
     let edge = hull.windows(2).find(|edge| edge[0].0 <= mean_x && mean_x <= edge[1].0);
     let slope = edge.map_or(0.0, |edge| (edge[1].1 - edge[0].1) / (edge[1].0 - edge[0].0));
-    let slope = if slope.abs() <= MAX_RATE_ERROR * nominal_ns_per_tick.abs() { slope } else { start.slope };
+    let slope = if centred.is_plausible(slope, &inliers) { slope } else { start.slope };
     // On the edge the lowest distance is that of its ends; for another slope, that of the sample that limits it.
     let offset = inliers.iter().map(|&(x, y)| y - slope * x).fold(f64::INFINITY, f64::min);
     Ok(centred.fit(Line { offset, slope }, evidence, &inliers))

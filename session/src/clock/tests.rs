@@ -86,6 +86,36 @@ fn late_arrivals_give_the_clock_to_200_us_but_for_the_least_delay() {
 }
 
 #[test]
+fn a_resonator_is_believed_in_where_its_rate_is_clear() {
+    for ppm in [4900.0, -3100.0, 9000.0] {
+        let fit = fit_line(&edges(2.0, ppm, 0.0), 1000.0, Evidence::TriggerEdges, &Robust::default()).unwrap();
+        assert!((fit.rate_error_ppm(1000.0) - ppm).abs() < 1.0, "{ppm}: {}", fit.rate_error_ppm(1000.0));
+        let fit = fit_lower_envelope(&arrivals(2.0, ppm, 0.0), 1000.0, Evidence::Arrival, &Robust::default()).unwrap();
+        assert!((fit.rate_error_ppm(1000.0) - ppm).abs() < 100.0, "{ppm}: {}", fit.rate_error_ppm(1000.0));
+    }
+    // A crystal of which a busy host took a few packets, several at one time: no rate that is found of it is far off.
+    for seed in 0..2000 {
+        let random = |n: u64, purpose: u64| uniform(1000 * seed + n, purpose);
+        let (count, apart_us) = (8 + (40.0 * random(0, 1)) as u64, 500.0 + 8000.0 * random(0, 2));
+        let mut late_ns = 0.0;
+        let sample = |n: u64| {
+            let ticks = n as f64 * apart_us;
+            if random(n, 3) < 0.3 {
+                late_ns = 20e6 * random(n, 4);
+            }
+            // Those that wait are taken together.
+            late_ns = f64::max(late_ns - apart_us * 1000.0, 200_000.0 * random(n, 5));
+            Sample { ticks: ticks as i64, session_ns: (truth(ticks, 30.0, 0.0) + late_ns) as i64 }
+        };
+        let samples: Vec<Sample> = (0..count).map(sample).collect();
+        for fit in [fit_line, fit_lower_envelope] {
+            let found = fit(&samples, 1000.0, Evidence::Arrival, &Robust::default()).unwrap();
+            assert!(found.rate_error_ppm(1000.0).abs() <= 1000.1, "{seed}: {}", found.rate_error_ppm(1000.0));
+        }
+    }
+}
+
+#[test]
 fn a_chain_of_lines_is_continuous() {
     let samples = edges(120.0, 40.0, 3.0);
     let clock = Clock::fit(&samples, 1000.0, Evidence::TriggerEdges, Errors::Symmetric, 10_000_000_000).unwrap();

@@ -101,10 +101,12 @@ fn a_board_that_restarts() {
 
 #[test]
 fn a_board_with_a_resonator() {
-    let mut bench = Bench::new();
-    bench.board(Clock { ppm: 30_000.0, drift_ppm_per_minute: 0.0 }, Faults::default(), Some);
-    let tested = bench.test(1000);
-    assert_eq!(tested.verdict("board", C::ClockRate), Some(Fault), "{}", tested.lines());
+    for (ppm, verdict) in [(8000.0, Warning), (30_000.0, Fault)] {
+        let mut bench = Bench::new();
+        bench.board(Clock { ppm, drift_ppm_per_minute: 0.0 }, Faults::default(), Some);
+        let tested = bench.test(1000);
+        assert_eq!(tested.verdict("board", C::ClockRate), Some(verdict), "{}", tested.lines());
+    }
 }
 
 #[test]
