@@ -2,6 +2,7 @@
 
 mod bodies;
 mod events;
+mod hot_pixels;
 mod session;
 mod settings;
 
@@ -31,7 +32,8 @@ Examples:
   erfgs info recording.raw --digest --json
   erfgs info events.h5 --digest
   erfgs info S.mcap
-  erfgs info S.mcap --check")]
+  erfgs info S.mcap --check
+  erfgs info S.mcap --hot-pixels")]
 pub struct Arguments {
     /// A session, a dataset or run folder, a .ply point cloud, or an event file.
     path: PathBuf,
@@ -41,6 +43,9 @@ pub struct Arguments {
     /// Print the SHA3-224 of each field of the events of an event file or a session.
     #[arg(long)]
     digest: bool,
+    /// List the pixels of event cameras that send events all the time, whatever they look at, and how to mask them.
+    #[arg(long, conflicts_with_all = ["check", "digest"])]
+    hot_pixels: bool,
     #[command(flatten)]
     file_is: EventFileOptions,
 }
@@ -64,6 +69,13 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let is_recording = matches!(extension, "mcap" | "db3");
     if arguments.check && !is_recording {
         return Err(Usage(format!("--check is for sessions, and '{}' is none", path.display())).into());
+    }
+    if arguments.hot_pixels {
+        if path.is_dir() || extension == "ply" || extension == "json" {
+            let what = format!("--hot-pixels is for sessions and event files, and '{}' is none", path.display());
+            return Err(Usage(what).into());
+        }
+        return hot_pixels::run(path, &hints, terminal);
     }
     match (path.is_dir(), extension) {
         (false, _) if is_recording && !path.exists() => Err(Usage(format!("'{}' does not exist", path.display())).into()),

@@ -80,6 +80,7 @@ mod event;
 mod evt;
 mod file;
 pub mod hdf5;
+mod hot_pixels;
 #[cfg(feature = "npz")]
 pub mod npz;
 pub mod palette;
@@ -111,6 +112,7 @@ pub use evt::{
     Evt2Decoder, Evt2Encoder, Evt3Decoder, Evt3Encoder, Evt21Decoder, Evt21Encoder, RawFormat, RawHeader, WordOrder,
 };
 pub use file::{EventFile, EventFileError, EventFileHints, EventFormat};
+pub use hot_pixels::{HotPixel, PixelActivity};
 pub use rows::EventRows;
 pub use sink::{ApsFrame, CdEvent, Edge, EventBatch, ImuSample, Mark, Sink};
 pub use stream::StreamDecoder;

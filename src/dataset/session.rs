@@ -44,6 +44,9 @@ pub struct SessionArguments {
     /// Session: take frames without colour, too, where other cameras see colours.
     #[arg(long, requires = "rig")]
     pub grey: bool,
+    /// Session: take the events of hot pixels, too, which send events whatever they look at (see `erfgs info --hot-pixels`).
+    #[arg(long, requires = "rig")]
+    pub keep_hot_pixels: bool,
 }
 
 /// What event cameras answer to.
@@ -83,6 +86,7 @@ pub fn run(
         ResponseName::Display => Response::Display,
     };
     options.grey = arguments.grey;
+    options.hot_pixels = arguments.keep_hot_pixels;
     options.without.clone_from(&arguments.without);
     options.scales = arguments.scale_of.iter().cloned().collect();
     let summary = session.summary();

@@ -325,6 +325,30 @@ fn real_recordings_are_imported_played_and_exported_without_a_change() {
 }
 
 #[test]
+fn hot_pixels_of_real_sensors_are_found_whatever_holds_their_events() {
+    let folder = tempfile::tempdir().unwrap();
+    let found = |path: &str| -> Vec<(u64, u64, u64)> {
+        let found = json(folder.path(), &["info", path, "--hot-pixels", "--json"]);
+        let number = |pixel: &serde_json::Value, name: &str| pixel[name].as_u64().unwrap();
+        let pixels = found[0]["hot_pixels"].as_array().unwrap().iter();
+        pixels.map(|pixel| (number(pixel, "x"), number(pixel, "y"), number(pixel, "events"))).collect()
+    };
+    // Counted in the events themselves: of their 24 neighbours none has more than four.
+    let hot = [(304, 66, 268), (971, 157, 235), (659, 468, 197), (803, 705, 70), (762, 197, 39)];
+    for file in ["evt3.raw", "gen4.dat"] {
+        assert_eq!(found(fetched(file).to_str().unwrap()), hot, "{file}");
+    }
+    assert_eq!(found(fetched("evt2.raw").to_str().unwrap())[..2], [(339, 451, 371), (29, 312, 168)]);
+    assert_eq!(found(fetched("davis346.aedat4").to_str().unwrap()), []);
+    let path = fetched("evt3.raw");
+    json(folder.path(), &["import", path.to_str().unwrap(), "--out", "r.mcap", "--json"]);
+    assert_eq!(found("r.mcap"), hot);
+    let text = erfgs(folder.path(), &["info", "r.mcap", "--hot-pixels"]).stdout;
+    assert!(String::from_utf8(text).unwrap().contains("5 hot pixels"));
+    assert!(fail(folder.path(), 2, "info . --hot-pixels").contains("--hot-pixels is for sessions"));
+}
+
+#[test]
 fn text_of_which_nothing_can_be_read_is_no_empty_recording() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

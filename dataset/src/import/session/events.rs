@@ -1,8 +1,10 @@
 //! The events of a stream on the session's clock, and the pictures of a camera that takes both.
 
+use std::collections::BTreeSet;
+
 use super::{ImportError, Timing, Viewpoint};
 use erfgs_base::progress::Progress;
-use erfgs_events::{ApsFrame, CdEvent, Edge, Event, Events, Sink};
+use erfgs_events::{ApsFrame, CdEvent, Edge, Event, Events, HotPixel, PixelActivity, Sink};
 use erfgs_scene::{ImageRgb8, image::FEW_BITS, srgb};
 use erfgs_session::{
     clock::{Epoch, EpochCursor},
@@ -20,12 +22,23 @@ pub(super) struct Gathered {
     stretches: Vec<[i64; 2]>,
     /// What could not be read of the file.
     pub damage: Vec<String>,
+    /// Pixels whose events are left out.
+    pub hot_pixels: Vec<HotPixel>,
 }
 
 /// Of a break that is no longer than this it is taken that nothing happened in it, nanoseconds.
 const BREAK_NS: i64 = 20_000_000;
 
-/// Decodes a stream; `merged` pixels each way become one. Pictures are taken where `pictures`, and `bits` of their
+/// How events of a stream are taken.
+#[derive(Clone, Copy)]
+pub(super) struct Taking {
+    /// So many pixels each way become one.
+    pub merged: u32,
+    /// Whether those of hot pixels are, too.
+    pub hot_pixels: bool,
+}
+
+/// Decodes a stream. Pictures are taken where `pictures`, and `bits` of their
 /// samples of 16 count, all where absent. `None` where no part
 /// of it is dated.
 pub(super) fn gather(
@@ -33,7 +46,7 @@ pub(super) fn gather(
     stream: usize,
     view: &Viewpoint,
     window: [i64; 2],
-    merged: u32,
+    taking: Taking,
     (pictures, bits): (bool, Option<u8>),
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Option<Gathered>, ImportError> {
@@ -52,8 +65,10 @@ pub(super) fn gather(
     let [from, to] = window;
     // Long enough before, that a decoder has begun, and after, that the last events have arrived.
     let arrival = [from.saturating_sub(LATE_NS), to.saturating_add(LATE_NS)].map(|t_ns| t_ns.saturating_add(start_ns));
+    let merged = taking.merged;
     let [width, height] = [view.intrinsics.width / merged, view.intrinsics.height / merged];
     let mut sink = Window {
+        activity: PixelActivity::new(view.intrinsics.width as usize, view.intrinsics.height as usize),
         cursor: epochs.follow(),
         offset_ns: *offset_ns,
         window,
@@ -64,6 +79,7 @@ pub(super) fn gather(
             pictures: Vec::new(),
             stretches: Vec::new(),
             damage: Vec::new(),
+            hot_pixels: Vec::new(),
         },
         pictures,
         bits,
@@ -77,6 +93,10 @@ pub(super) fn gather(
     })?;
     check_depth(view, bits, sink.largest)?;
     let mut found = sink.found;
+    if !taking.hot_pixels {
+        found.hot_pixels = sink.activity.hot_pixels();
+    }
+    found.events = merge(found.events, &found.hot_pixels, merged as u16);
     found.damage = decoded.map(|decoded| decoded.damage).unwrap_or_default();
     // Where nothing moves there is nothing to send.
     if let (Some(stretch), Some(first)) = (found.stretches.first_mut(), there[0]) {
@@ -86,6 +106,19 @@ pub(super) fn gather(
         stretch[1] = stretch[1].max(last);
     }
     Ok(Some(found))
+}
+
+/// Events of a sensor's pixels as those of larger ones, without those of some.
+fn merge(events: Events, without: &[HotPixel], merged: u16) -> Events {
+    if merged == 1 && without.is_empty() {
+        return events;
+    }
+    let left_out: BTreeSet<(u16, u16)> = without.iter().map(|pixel| (pixel.x, pixel.y)).collect();
+    let mut all = Events::new(events.width, events.height);
+    for Event { t_us, x, y, on } in events.iter().filter(|event| !left_out.contains(&(event.x, event.y))) {
+        all.push(Event { t_us, x: x / merged, y: y / merged, on });
+    }
+    all
 }
 
 /// Refuses frames of which nothing tells how many bits count, or that have more than is said.
@@ -103,8 +136,9 @@ fn check_depth(view: &Viewpoint, bits: Option<u8>, largest: u16) -> Result<(), I
     }
 }
 
-/// Takes what lies within the window.
+/// Takes what lies within the window; events of the sensor's own pixels.
 struct Window<'a> {
+    activity: PixelActivity,
     cursor: EpochCursor<'a>,
     offset_ns: i64,
     window: [i64; 2],
@@ -169,7 +203,8 @@ impl Sink for Window<'_> {
         // Rounding where two lines of a clock meet, and what two epochs' clocks are off, must not turn events round.
         let t_us = t_ns.div_euclid(1000).max(self.last_us);
         self.last_us = t_us;
-        events.push(Event { t_us, x, y, on: event.on });
+        events.push(Event { t_us, x: event.x, y: event.y, on: event.on });
+        self.activity.take(event.t_us, event.x, event.y);
     }
 
     fn frame(&mut self, frame: ApsFrame) {
@@ -262,9 +297,14 @@ mod tests {
             let (width, height, channels, bits) = (16, 8, 1, 16);
             encoder.frame(ApsFrame { exposure_start_us, exposure_end_us, width, height, channels, pixels, bits });
         }
-        let [file, out] = ["aedat4", "mcap"].map(|ending| folder.join(format!("{white}.{ending}")));
+        let file = folder.join(format!("{white}.aedat4"));
         std::fs::write(&file, encoder.finish()).unwrap();
-        let recording = EventFileRecording::open(&file, &EventFileHints::default()).unwrap();
+        session_of(&file, EventFileHints::default())
+    }
+
+    fn session_of(file: &std::path::Path, hints: EventFileHints) -> Session {
+        let recording = EventFileRecording::open(file, &hints).unwrap();
+        let out = file.with_extension("mcap");
         import_events(&recording, &out, |_| {}).unwrap();
         Session::open(&out).unwrap()
     }
@@ -294,6 +334,36 @@ mod tests {
     }
 
     #[test]
+    fn events_of_hot_pixels_are_left_out_unless_they_are_asked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        // A column that goes to and fro, and a pixel that sends 200 events a second.
+        let column = |n: u64| (0..8).map(move |y| (2000 * n, (n % 15).min(15 - n % 15), y));
+        let mut rows: Vec<(u64, u64, u64)> = (0..500).flat_map(column).collect();
+        rows.extend((0..200).map(|n| (5000 * n + 7, 13, 2)));
+        rows.sort_unstable();
+        let lines: String = rows.iter().map(|(t, x, y)| format!("{t},{x},{y},1\n")).collect();
+        let file = folder.path().join("events.csv");
+        std::fs::write(&file, format!("t,x,y,on\n{lines}")).unwrap();
+        let size = Some(SensorSize { width: 16, height: 8 });
+        let mut session = session_of(&file, EventFileHints { size, ..EventFileHints::default() });
+        let stream = session.summary().streams[0].description.id.clone();
+        let view = Viewpoint { stream, ..viewpoint() };
+        for (merged, hot_pixels) in [(1, false), (1, true), (2, false), (2, true)] {
+            let taking = Taking { merged, hot_pixels };
+            let window = [i64::MIN, i64::MAX];
+            let found = gather(&mut session, 0, &view, window, taking, (false, None), &mut |_| {}).unwrap().unwrap();
+            let places: Vec<[u16; 2]> = found.hot_pixels.iter().map(|pixel| [pixel.x, pixel.y]).collect();
+            assert_eq!(places, if hot_pixels { vec![] } else { vec![[13, 2]] });
+            let taken = rows.iter().filter(|(_, x, y)| hot_pixels || [*x, *y] != [13, 2]);
+            let merged = u64::from(merged);
+            let expected: Vec<(u64, u64)> = taken.map(|(_, x, y)| (x / merged, y / merged)).collect();
+            let events = found.events.iter().map(|event| (event.x.into(), event.y.into()));
+            assert_eq!(events.collect::<Vec<_>>(), expected);
+            assert_eq!(u64::from(found.events.width) * merged, 16);
+        }
+    }
+
+    #[test]
     fn few_bits_of_a_sessions_frames_are_asked_for_and_taken_as_said() {
         let folder = tempfile::tempdir().unwrap();
         for depth in [8, 10, 12, 14, 16_u8] {
@@ -301,7 +371,8 @@ mod tests {
             let mut session = session(folder.path(), white);
             let mut gather = |bits| {
                 let window = [i64::MIN, i64::MAX];
-                let found = gather(&mut session, 0, &viewpoint(), window, 1, (true, bits), &mut |_| {})?;
+                let taking = Taking { merged: 1, hot_pixels: false };
+                let found = gather(&mut session, 0, &viewpoint(), window, taking, (true, bits), &mut |_| {})?;
                 let found = found.expect("dated");
                 assert_eq!(found.pictures.len(), 3);
                 Ok::<_, ImportError>(found.pictures[0].1.data.iter().copied().max().unwrap())

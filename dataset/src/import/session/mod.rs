@@ -112,6 +112,8 @@ pub struct SessionOptions {
     pub bits: Option<u8>,
     /// Whether frames without colour are taken although other cameras see colours.
     pub grey: bool,
+    /// Whether events of hot pixels are taken, too.
+    pub hot_pixels: bool,
     /// Cameras that are left out.
     pub without: Vec<String>,
     /// Names of the test cameras; each eighth of four and more frame cameras where absent.
@@ -132,6 +134,7 @@ impl Default for SessionOptions {
             response: Response::default(),
             bits: None,
             grey: false,
+            hot_pixels: false,
             without: Vec::new(),
             test_cameras: None,
             jobs: None,
@@ -199,12 +202,19 @@ pub fn import(
             streams[view],
             viewpoint,
             window,
-            options.merged(viewpoint),
+            events::Taking { merged: options.merged(viewpoint), hot_pixels: options.hot_pixels },
             (grey, options.bits),
             progress,
         )?;
         match found {
-            Some(found) => gathered.push((view, found)),
+            Some(found) => {
+                if let Some(pixel) = found.hot_pixels.first() {
+                    let (stream, pixels) = (viewpoint.stream.clone(), found.hot_pixels.len() as u64);
+                    let hottest = ([pixel.x, pixel.y], pixel.rate_hz.round() as u64);
+                    note(SessionNote::HotPixels { stream, pixels, hottest });
+                }
+                gathered.push((view, found));
+            }
             None => {
                 undated.push(view);
                 note(SessionNote::NoClock { stream: viewpoint.stream.clone() });
@@ -318,7 +328,16 @@ pub fn import(
     if cameras.is_empty() {
         return Err(nothing(session, options));
     }
-    let dataset = Dataset::new(building.path(), manifest(session, cameras, [zero_ns, zero_ns + span_ns[1]], options));
+    let mut manifest = manifest(session, cameras, [zero_ns, zero_ns + span_ns[1]], options);
+    let hot = gathered.iter().filter(|(_, found)| !found.hot_pixels.is_empty()).map(|(view, found)| {
+        let places: Vec<[u16; 2]> = found.hot_pixels.iter().map(|pixel| [pixel.x, pixel.y]).collect();
+        (views[*view].camera.clone(), json!(places))
+    });
+    let hot: serde_json::Map<String, serde_json::Value> = hot.collect();
+    if !hot.is_empty() {
+        manifest.provenance.options.insert("without_hot_pixels".to_owned(), hot.into());
+    }
+    let dataset = Dataset::new(building.path(), manifest);
     Ok(dataset.complete(building, out)?)
 }
 

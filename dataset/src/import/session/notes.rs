@@ -30,6 +30,15 @@ pub enum SessionNote {
         /// The stream.
         stream: String,
     },
+    /// Events of pixels that send some whatever they look at are left out.
+    HotPixels {
+        /// The stream.
+        stream: String,
+        /// How many.
+        pixels: u64,
+        /// The hottest, column and row, and its events a second.
+        hottest: ([u16; 2], u64),
+    },
     /// A stream has nothing within the window.
     Nothing {
         /// The stream.
@@ -94,6 +103,14 @@ impl fmt::Display for SessionNote {
                 write!(f, "{stream}: left out, because it has no colour and other cameras do (--grey takes it)")
             }
             Self::NoClock { stream } => write!(f, "{stream}: left out, its clock is not fitted to the session's"),
+            Self::HotPixels { stream, pixels, hottest: ([x, y], hz) } => {
+                let are = if *pixels == 1 { "a hot pixel is".to_owned() } else { format!("{pixels} hot pixels are") };
+                let most = if *pixels == 1 { "" } else { " the hottest" };
+                write!(
+                    f,
+                    "{stream}: events of {are} left out,{most} at ({x}, {y}) with {hz} a second (--keep-hot-pixels takes them)"
+                )
+            }
             Self::Nothing { stream } => write!(f, "{stream}: left out, it recorded nothing within the window"),
             Self::NoFrames { stream, frames, between, why } => {
                 let [from, to] = between.map(seconds);
