@@ -57,7 +57,7 @@ pub struct StageEvents {
 
 impl StageEvents {
     /// Records the performance ahead, with a sensor whose response is that of real ones: the logarithm of light, in steps of the
-    /// `thresholds` of ON and OFF events. `told` hears the share that is done.
+    /// `thresholds` of ON and OFF events. `progress` hears the share that is done.
     ///
     /// # Errors
     /// If an option is out of range.
@@ -67,7 +67,7 @@ impl StageEvents {
         [threshold_on, threshold_off]: [f64; 2],
         seed: u64,
         stream: u64,
-        told: &(dyn Fn(f64) + Sync),
+        progress: &(dyn Fn(f64) + Sync),
     ) -> Result<Self, StageError> {
         let options = EventOptions {
             threshold_on,
@@ -76,7 +76,7 @@ impl StageEvents {
             lin_log_threshold: 2.0,
             ..EventOptions::default()
         };
-        let events = events::record(view, [0, length_ns], &options, seed, stream, told)?;
+        let events = events::record(view, [0, length_ns], &options, seed, stream, progress)?;
         Ok(Self { played: Played::new(events), begin_ns })
     }
 }

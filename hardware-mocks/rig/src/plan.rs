@@ -211,11 +211,11 @@ impl Plan {
     /// Where the cameras stand, and their lenses, as a calibration without error would tell. `method`: how it is known.
     #[must_use]
     pub fn rig_file(&self, method: &str) -> RigFile {
-        let told = |camera: &Camera| {
+        let rig_camera = |camera: &Camera| {
             let modality = if camera.kind.sees_events() { Modality::Event } else { Modality::Rgb };
             RigCamera::new(&camera.id, modality, camera.lens, Some(camera.place))
         };
-        RigFile::new(method, true, self.cameras.iter().map(told).collect())
+        RigFile::new(method, true, self.cameras.iter().map(rig_camera).collect())
     }
 
     /// Exposure of a camera in an act, microseconds.

@@ -88,17 +88,17 @@ const STARTED_NS: i64 = 1_000_000_000;
 /// When a recording begins, the world's time.
 pub(crate) const RECORDED_NS: i64 = PLUGGED_NS + SET_NS - STARTED_NS;
 
-/// Records an act into a session at `path`. `told` hears what is being done and the share of it that is done.
+/// Records an act into a session at `path`. `progress` hears what is being done and the share of it that is done.
 ///
 /// # Errors
 /// If the session cannot be written, or a device cannot be set.
-pub fn record(plan: &Plan, act: Act, path: &Path, told: &(dyn Fn(&str, f64) + Sync)) -> Result<(), TakeError> {
+pub fn record(plan: &Plan, act: Act, path: &Path, progress: &(dyn Fn(&str, f64) + Sync)) -> Result<(), TakeError> {
     let text = plan.rig_toml(act);
     let rig = RigConfig::parse(&text, Path::new("RIG.toml"))?;
     let world = Arc::new(World::new(PLUGGED_NS));
     let begin_ns = PLUGGED_NS + SET_NS;
     let wires = Wires::default();
-    let scenes = Scenes { plan, act, stage: stage(plan), begin_ns, told };
+    let scenes = Scenes { plan, act, stage: stage(plan), begin_ns, progress };
     let bus = EmulatedBus::new(Arc::clone(&world) as _);
     for (index, camera) in plan.cameras.iter().enumerate().filter(|(_, camera)| camera.kind.sees_events()) {
         bus.add(Arc::new(Mutex::new(scenes.event_camera(index, camera, &wires)?)));
@@ -142,7 +142,7 @@ pub fn record(plan: &Plan, act: Act, path: &Path, told: &(dyn Fn(&str, f64) + Sy
         devices.push(Box::new(UvcHost::start(model, description, config.rate_hz, outlet, begins_ns)));
     }
     let end_ns = begin_ns + (1e9 * plan.seconds(act)) as i64;
-    world.run(end_ns, &mut devices, &mut |share| told("recording", share));
+    world.run(end_ns, &mut devices, &mut |share| progress("recording", share));
     for Input { source, .. } in &mut event_cameras {
         let id = source.description().id.clone();
         source.stop().map_err(|source| TakeError::Source { doing: "stop", id, source })?;
@@ -176,7 +176,7 @@ struct Scenes<'a> {
     act: Act,
     stage: &'static Stage,
     begin_ns: i64,
-    told: &'a (dyn Fn(&str, f64) + Sync),
+    progress: &'a (dyn Fn(&str, f64) + Sync),
 }
 
 impl Scenes<'_> {
@@ -202,7 +202,7 @@ impl Scenes<'_> {
             Act::Performance => {
                 let view = StageView::new(self.stage, &camera.lens, &camera.place)?;
                 let what = format!("events of {}", camera.id);
-                let told = |share| (self.told)(&what, share);
+                let progress = |share| (self.progress)(&what, share);
                 let thresholds = camera.kind.thresholds();
                 Box::new(StageEvents::record(
                     &view,
@@ -210,7 +210,7 @@ impl Scenes<'_> {
                     thresholds,
                     self.plan.seed,
                     index as u64,
-                    &told,
+                    &progress,
                 )?)
             }
         })

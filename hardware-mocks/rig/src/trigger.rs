@@ -44,7 +44,7 @@ pub struct TriggerHost {
 /// What the session says of the board.
 #[must_use]
 pub fn description(id: &str, settings: &TriggerSettings) -> Description {
-    let told = json!({
+    let metadata = json!({
         "port": "emulated",
         "tick_hz": TICK_HZ,
         "period_ticks": settings.period,
@@ -53,7 +53,7 @@ pub fn description(id: &str, settings: &TriggerSettings) -> Description {
         "exposure_us": settings.exposure_us(),
         "outputs": settings.outputs,
     });
-    Description::trigger_board(id, told.as_object().cloned().unwrap_or_default())
+    Description::trigger_board(id, metadata.as_object().cloned().unwrap_or_default())
 }
 
 /// How long bytes take on the line: ten bits each.
@@ -81,7 +81,7 @@ impl TriggerHost {
             Command::Start,
         ];
         for command in commands {
-            board.take_said();
+            board.take_output();
             board.receive(&command.encode(), now_ns);
         }
         Self { board, wires, outlet, sequence: 0, asked_ns: 0, sent: VecDeque::new(), key: 5 }
@@ -94,10 +94,10 @@ impl TriggerHost {
     }
 
     /// Hands on what the board has said by a time.
-    fn hear(&mut self, said_ns: i64) {
-        let said = self.board.take_said();
-        let mut end_ns = said_ns;
-        for line in said.split_inclusive(|&byte| byte == b'\n') {
+    fn hear(&mut self, at_ns: i64) {
+        let output = self.board.take_output();
+        let mut end_ns = at_ns;
+        for line in output.split_inclusive(|&byte| byte == b'\n') {
             end_ns += transmission_ns(line.len());
             let late = 300_000.0 * random::exponential(random::extend(self.key, self.sequence));
             self.outlet.send(Packet {

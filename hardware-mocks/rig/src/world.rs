@@ -32,8 +32,8 @@ impl World {
         Self { now_ns: AtomicI64::new(now_ns), streams: Mutex::default() }
     }
 
-    /// Lets time pass until `end_ns`; `told` hears the share that has passed.
-    pub fn run(&self, end_ns: i64, devices: &mut [Box<dyn Stepped>], told: &mut dyn FnMut(f64)) {
+    /// Lets time pass until `end_ns`; `progress` hears the share that has passed.
+    pub fn run(&self, end_ns: i64, devices: &mut [Box<dyn Stepped>], progress: &mut dyn FnMut(f64)) {
         let begun_ns = self.now_ns();
         while self.now_ns() < end_ns {
             let now_ns = self.now_ns.fetch_add(STEP_NS, Ordering::SeqCst) + STEP_NS;
@@ -49,7 +49,7 @@ impl World {
             };
             let left: Vec<_> = streams.into_iter().filter(goes_on).collect();
             self.streams().extend(left);
-            told((now_ns - begun_ns) as f64 / (end_ns - begun_ns) as f64);
+            progress((now_ns - begun_ns) as f64 / (end_ns - begun_ns) as f64);
         }
     }
 

@@ -80,7 +80,7 @@ pub struct Board {
     faults: Faults,
     powered_ns: i64,
     line: Vec<u8>,
-    said: Vec<u8>,
+    output: Vec<u8>,
     edges: Vec<LineEdge>,
     period: u32,
     exposure: u32,
@@ -112,7 +112,7 @@ impl Board {
             faults,
             powered_ns: now_ns,
             line: Vec::new(),
-            said: Vec::new(),
+            output: Vec::new(),
             edges: Vec::new(),
             period: 533_333,
             exposure: 80_000,
@@ -121,8 +121,8 @@ impl Board {
             bad_lines: 0,
             next: None,
         };
-        board.said.extend(board.faults.garbage.clone());
-        board.said.push(b'\n');
+        board.output.extend(board.faults.garbage.clone());
+        board.output.push(b'\n');
         board.say("b erfgs-trigger 1 1 f42400 4 1");
         board
     }
@@ -130,14 +130,14 @@ impl Board {
     fn restart(&mut self, now_ns: i64) {
         let faults = Faults { restart_at: None, garbage: Vec::new(), ..self.faults.clone() };
         let edges = std::mem::take(&mut self.edges);
-        let said = std::mem::take(&mut self.said);
+        let output = std::mem::take(&mut self.output);
         *self = Self::new(self.clock, faults, now_ns);
         self.edges = edges;
-        self.said.splice(0..0, said);
+        self.output.splice(0..0, output);
     }
 
     fn say(&mut self, body: &str) {
-        self.said.extend(format!("{body}*{:04x}\n", crc(body.as_bytes())).bytes());
+        self.output.extend(format!("{body}*{:04x}\n", crc(body.as_bytes())).bytes());
     }
 
     fn tick(&self, now_ns: i64) -> i64 {
@@ -271,18 +271,18 @@ impl Board {
                 }
             }
         }
-        let from = self.said.len();
+        let from = self.output.len();
         if !self.faults.dropped_lines.contains(&index) {
             self.say(&format!("p {index:x} {tick:x} {exposure:x}"));
         }
         if self.faults.damaged_lines.contains(&index) {
-            self.said[from + 2] ^= 1;
+            self.output[from + 2] ^= 1;
         }
     }
 
     /// What the board has said since this was last asked.
-    pub fn take_said(&mut self) -> Vec<u8> {
-        std::mem::take(&mut self.said)
+    pub fn take_output(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.output)
     }
 
     /// The edges of the pulses that began since this was last asked, in order of time.
@@ -309,9 +309,9 @@ mod tests {
     use super::*;
 
     fn ask(board: &mut Board, body: &str, now_ns: i64) -> String {
-        board.take_said();
+        board.take_output();
         board.receive(format!("{body}*{:04x}\n", crc(body.as_bytes())).as_bytes(), now_ns);
-        String::from_utf8(board.take_said()).unwrap()
+        String::from_utf8(board.take_output()).unwrap()
     }
 
     #[test]
@@ -320,9 +320,9 @@ mod tests {
         let mut board = Board::new(clock, Faults::default(), 5_000);
         assert!(ask(&mut board, "start", 1_000_000).starts_with("+start "));
         board.advance(60_000_000_000);
-        let said = String::from_utf8(board.take_said()).unwrap();
+        let output = String::from_utf8(board.take_output()).unwrap();
         let ticks: Vec<i64> =
-            said.lines().map(|line| i64::from_str_radix(line.split(' ').nth(2).unwrap(), 16).unwrap()).collect();
+            output.lines().map(|line| i64::from_str_radix(line.split(' ').nth(2).unwrap(), 16).unwrap()).collect();
         let rises: Vec<i64> = board
             .take_edges()
             .into_iter()

@@ -52,10 +52,10 @@ impl PtyBoard {
                 let now_ns = i64::try_from(began.elapsed().as_nanos()).unwrap_or(i64::MAX);
                 let mut board = shared.lock().unwrap_or_else(PoisonError::into_inner);
                 board.receive(received, now_ns);
-                let said = board.take_said();
+                let output = board.take_output();
                 drop(board);
                 // Nobody reads, and the terminal is full: a serial line loses the bytes as well.
-                if master.write_all(&said).is_err_and(|error| error.kind() != ErrorKind::TimedOut) {
+                if master.write_all(&output).is_err_and(|error| error.kind() != ErrorKind::TimedOut) {
                     return;
                 }
             }

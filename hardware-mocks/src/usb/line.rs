@@ -41,7 +41,7 @@ struct Wire {
     train: Option<PulseTrain>,
     pushed: Vec<LineEdge>,
     /// Up to where an input has been told all edges, nanoseconds.
-    told_ns: Option<i64>,
+    given_ns: Option<i64>,
     late: u64,
 }
 
@@ -70,7 +70,7 @@ impl TriggerLine {
     pub fn push(&self, at_ns: i64, rising: bool) {
         let mut wire = self.lock();
         let pulse = wire.pushed.last().map_or(0, |last| last.pulse + u64::from(rising));
-        wire.late += u64::from(wire.told_ns.is_some_and(|told| at_ns <= told));
+        wire.late += u64::from(wire.given_ns.is_some_and(|given_ns| at_ns <= given_ns));
         wire.pushed.push(LineEdge { at_ns, rising, pulse });
     }
 
@@ -106,7 +106,7 @@ impl LineTap {
             self.next += 1;
         }
         let mut wire = self.line.lock();
-        wire.told_ns = wire.told_ns.max(Some(now_ns));
+        wire.given_ns = wire.given_ns.max(Some(now_ns));
         edges
     }
 

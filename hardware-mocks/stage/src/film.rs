@@ -382,10 +382,10 @@ fn event_file(
     advance: &(dyn Fn(u64) + Sync),
 ) -> Result<CameraEvents, StageError> {
     let covers_ns = [0, options.duration_ns];
-    let told = AtomicU64::new(0);
+    let done = AtomicU64::new(0);
     let tell = |share: f64| {
         let parts = (share * EVENT_PARTS as f64) as u64;
-        advance(parts - told.swap(parts, Ordering::Relaxed));
+        advance(parts - done.swap(parts, Ordering::Relaxed));
     };
     let recorded = events::record(view, covers_ns, &options.events, options.seed, stream, &tell)?;
     let file = PathBuf::from(format!("events/{name}.npz"));

@@ -203,7 +203,7 @@ impl<D: Driver> Supervisor<D> {
         tracing::warn!("{name}: lost: {fault}");
         self.outlet.report(Incident::Lost { reason: format!("{name}: {fault}") });
         *self.link.driver() = None;
-        let mut told = None;
+        let mut last_warning = None;
         loop {
             match self.inbox.recv_timeout(LOOK_AGAIN) {
                 Ok(Signal::Stop) | Err(mpsc::RecvTimeoutError::Disconnected) => return false,
@@ -220,9 +220,9 @@ impl<D: Driver> Supervisor<D> {
                     Err(error) => {
                         // Said once: a camera that is being plugged in may refuse for a moment, and again and again.
                         let message = error.to_string();
-                        if told.as_ref() != Some(&message) {
+                        if last_warning.as_ref() != Some(&message) {
                             self.warn(format!("{name}: connected again, but not working yet: {message}"));
-                            told = Some(message);
+                            last_warning = Some(message);
                         }
                     }
                 },

@@ -136,15 +136,15 @@ fn choose(config: &FrameConfig) -> Result<CameraIndex, FrameError> {
     };
     let found: Vec<_> = cameras.iter().filter(means).collect();
     let [camera] = found[..] else {
-        let told = cameras.iter().map(|camera| format!("{} ({})", camera.name, camera.node.display()));
-        let told = told.collect::<Vec<_>>().join("; ");
+        let names = cameras.iter().map(|camera| format!("{} ({})", camera.name, camera.node.display()));
+        let names = names.collect::<Vec<_>>().join("; ");
         let problem = match (found.is_empty(), config.camera.as_str()) {
             (true, "") => "none is plugged in".to_owned(),
             (false, "") => "several are plugged in; name one as `camera`".to_owned(),
             (true, wanted) => format!("none is {wanted:?}"),
             (false, wanted) => format!("several are {wanted:?}; name one by its place"),
         };
-        let found = if told.is_empty() { "none".to_owned() } else { told };
+        let found = if names.is_empty() { "none".to_owned() } else { names };
         return Err(FrameError::Find { id: config.id.clone(), problem, found });
     };
     let text = camera.node.display().to_string();
@@ -311,8 +311,8 @@ mod tests {
         assert_eq!((&slow["rate_hz"], &slow["controls"]["Gain"]), (&json!(15), &json!("3")));
         assert_eq!((&slow["automatic_allowed"], slow.get("raw")), (&json!(false), None));
         let config = FrameConfig { gain: Lock::Named(NamedLock::Auto), raw: Some(RawLook::default()), ..config };
-        let told = settings(&config, 30, Map::new());
-        assert_eq!((&told["automatic_allowed"], &told["raw"]["black_level"]), (&json!(true), &json!(0.0)));
+        let automatic = settings(&config, 30, Map::new());
+        assert_eq!((&automatic["automatic_allowed"], &automatic["raw"]["black_level"]), (&json!(true), &json!(0.0)));
     }
 
     #[test]

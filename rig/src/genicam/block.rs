@@ -69,13 +69,13 @@ impl Leader {
 }
 
 /// Bytes of a block, as a camera tells them under some name. What it says is memory of ours, so that it is compared with the frame.
-pub(crate) fn block_bytes(name: &str, told: i128, frame_bytes: usize) -> Result<usize, GenicamError> {
+pub(crate) fn block_bytes(name: &str, value: i128, frame_bytes: usize) -> Result<usize, GenicamError> {
     let most = 2 * frame_bytes + (1 << 20);
-    match usize::try_from(told) {
+    match usize::try_from(value) {
         Ok(bytes) if (frame_bytes..=most).contains(&bytes) => Ok(bytes),
         _ => Err(GenicamError::Feature {
             name: name.to_owned(),
-            reason: format!("it says {told} bytes, and a frame has {frame_bytes}"),
+            reason: format!("it says {value} bytes, and a frame has {frame_bytes}"),
         }),
     }
 }

@@ -18,7 +18,7 @@ const FRAME_START: [&str; 3] = ["FrameStart", "FrameBurstStart", "AcquisitionSta
 /// What a line shows while the sensor is exposed.
 const STROBE_SOURCE: [&str; 3] = ["ExposureActive", "Expose", "Strobe"];
 /// What is read back beside what was set, as the camera names it.
-const TOLD: [&str; 18] = [
+const RECORDED: [&str; 18] = [
     "PixelFormat",
     "ExposureAuto",
     "ExposureMode",
@@ -392,9 +392,10 @@ fn read_back(
         let locked = !features.has(name) || features.text(name).is_ok_and(|now| now == "Off");
         settings.insert(setting.into(), json!(locked));
     }
-    let told = TOLD.iter().filter(|name| features.has(name));
-    let told: Map<String, Value> = told.filter_map(|name| Some(((*name).to_owned(), features.value(name)?))).collect();
-    settings.insert("genicam".into(), json!(told));
+    let names = RECORDED.iter().filter(|name| features.has(name));
+    let values: Map<String, Value> =
+        names.filter_map(|name| Some(((*name).to_owned(), features.value(name)?))).collect();
+    settings.insert("genicam".into(), json!(values));
     let period_us = 1e6 / wishes.rate_hz;
     if let Some(exposure_us) = exposure_us.filter(|exposure_us| *exposure_us > period_us) {
         let reason =

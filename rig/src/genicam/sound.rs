@@ -191,8 +191,8 @@ mod tests {
         let link = |name: &str, of: &str| format!("<Integer Name=\"{name}\"><pValue>{of}</pValue></Integer>");
         let end = "<Integer Name=\"End\"><Value>1</Value></Integer>";
         assert_eq!(of(&[&link("A", "B"), &link("B", "End"), end].concat()), None);
-        let said = of(&[link("A", "B"), link("B", "A")].concat()).unwrap();
-        assert!(said.contains("\"A\" comes from itself"), "{said}");
+        let message = of(&[link("A", "B"), link("B", "A")].concat()).unwrap();
+        assert!(message.contains("\"A\" comes from itself"), "{message}");
         assert!(of(&[link("A", "K"), knife("K", "A", "X + 1")].concat()).is_some());
         let chain = |count: usize| {
             let links = (0..count).map(|at| link(&format!("N{at}"), &format!("N{}", at + 1)));
@@ -207,8 +207,8 @@ mod tests {
         let end = "<Integer Name=\"End\"><Value>1</Value></Integer>";
         let formula = |text: &str| of(&[&knife("K", "End", text), end].concat());
         assert_eq!(formula("(X &gt; 3) ? ((X * 2) + 1) : -X"), None);
-        let said = formula(&format!("{}X{}", "(".repeat(5000), ")".repeat(5000))).unwrap();
-        assert!(said.contains("formula of \"K\""), "{said}");
+        let message = formula(&format!("{}X{}", "(".repeat(5000), ")".repeat(5000))).unwrap();
+        assert!(message.contains("formula of \"K\""), "{message}");
         assert!(formula(&format!("{}X", "-".repeat(5000))).is_some());
         assert!(formula(&format!("X{}", " + 1".repeat(5000))).is_some());
     }

@@ -61,8 +61,8 @@ fn metadata_nodes_are_no_cameras() {
         cameras.plug(1, "A1", "card Left\nbus usb-1\nmetadata 1\n").unwrap();
         cameras.plug(10, "", "card R\u{e9}ar\nbus usb-2\nformat MJPG 64 48\n").unwrap();
         let found = list_in(cameras.nodes(), cameras.class()).unwrap();
-        let told: Vec<_> = found.iter().map(|c| (c.name.as_str(), c.serial.as_str(), c.bus.as_str())).collect();
-        assert_eq!(told, [("Left", "A1", "usb-1"), ("R\u{e9}ar", "", "usb-2")]);
+        let identities: Vec<_> = found.iter().map(|c| (c.name.as_str(), c.serial.as_str(), c.bus.as_str())).collect();
+        assert_eq!(identities, [("Left", "A1", "usb-1"), ("R\u{e9}ar", "", "usb-2")]);
         assert_eq!(found[0].formats, ["YUYV"]);
         assert!(matches!(&found[1], FoundCamera { driver, problem: None, .. } if driver == "uvcvideo"));
     });

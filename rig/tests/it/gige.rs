@@ -159,8 +159,8 @@ fn packed_pixels_come_as_the_camera_packs_them() {
             // The upper 8 of the 12 bits tell the frame.
             let upper: Vec<u8> = samples.unpack(&packet.payload).iter().map(|value| (value >> 4) as u8).collect();
             assert_eq!((upper.len(), packet.damaged), (64 * 48, false), "{format}");
-            let told = FrameTruth::of(Format::Grey, &upper).unwrap();
-            assert_eq!(told.number, u64::from(packet.stamp.unwrap().sequence), "{format}");
+            let truth = FrameTruth::of(Format::Grey, &upper).unwrap();
+            assert_eq!(truth.number, u64::from(packet.stamp.unwrap().sequence), "{format}");
         }
     }
 }
@@ -194,8 +194,8 @@ fn what_is_lost_for_good_is_counted_once_and_kept_as_damaged() {
     assert!(packets.iter().all(|packet| packet.payload.len() == 64 * 48));
     let counters = camera.counters();
     assert_eq!((counters.lost, counters.errors), (2, 2));
-    let said = camera.description().settings["not_applied"].to_string();
-    assert!(said.contains("keeps no packets"), "{said}");
+    let not_applied = camera.description().settings["not_applied"].to_string();
+    assert!(not_applied.contains("keeps no packets"), "{not_applied}");
 }
 
 #[test]
@@ -270,8 +270,8 @@ fn control_that_another_program_takes_is_told_and_taken_back_when_it_is_free() {
     let front = plug(GigeOptions::default());
     let other = SocketAddrV4::new(Ipv4Addr::new(127, 0, 0, 9), 1);
     front.camera().give_to(Some(other), host_ns());
-    let told = frame::list_gige(&[front.address()]).unwrap();
-    let listed = told.iter().find(|camera| camera.bus == front.address().to_string()).unwrap();
+    let cameras = frame::list_gige(&[front.address()]).unwrap();
+    let listed = cameras.iter().find(|camera| camera.bus == front.address().to_string()).unwrap();
     assert!(listed.problem.is_none(), "only the privilege tells: {listed:?}");
     // A host that has crashed keeps it for the heartbeat's time; one that lives keeps it.
     let mut channel = Holder::new(&front);
@@ -279,8 +279,8 @@ fn control_that_another_program_takes_is_told_and_taken_back_when_it_is_free() {
     let listed = frame::list_gige(&[front.address()]).unwrap();
     let listed = listed.iter().find(|camera| camera.bus == front.address().to_string()).unwrap();
     assert!(listed.problem.as_ref().unwrap().contains("another program at 127."), "{listed:?}");
-    let said = refused(&config(&front));
-    assert!(said.contains("another program at 127.") && said.contains("close that program"), "{said}");
+    let message = refused(&config(&front));
+    assert!(message.contains("another program at 127.") && message.contains("close that program"), "{message}");
     channel.release();
     let config = config(&front);
     let mut camera = frame::open(&config).unwrap();
@@ -338,10 +338,10 @@ fn packets_that_do_not_pass_are_found_out_before_the_recording() {
         let more = GenicamConfig { packet_bytes, ..config(&front).genicam.unwrap() };
         FrameConfig { genicam: Some(more), ..config(&front) }
     };
-    let said = refused(&with(Some(9000)));
+    let message = refused(&with(Some(9000)));
     assert!(
-        said.contains("packets of 9000 bytes do not come through and those of 1500 do") && said.contains("MTU"),
-        "{said}"
+        message.contains("packets of 9000 bytes do not come through and those of 1500 do") && message.contains("MTU"),
+        "{message}"
     );
     let camera = frame::open(&with(None)).unwrap();
     assert_eq!(camera.description().settings["packet_bytes"], 1500);
@@ -355,7 +355,7 @@ fn what_the_camera_cannot_is_refused_with_what_it_can() {
         change(&mut config);
         refused(&config)
     };
-    for (said, says) in [
+    for (message, says) in [
         (with(|c| c.format = PixelFormat::Rgb8), "the camera has Mono8 (format = \"grey8\"), Mono12 (format"),
         (with(|c| c.width = 66), "the camera takes 16 to 640 in steps of 4 (Width)"),
         (with(|c| c.height = 1000), "height = 1000: the camera takes 2 to 480"),
@@ -372,7 +372,7 @@ fn what_the_camera_cannot_is_refused_with_what_it_can() {
         (with(|c| more(c).offset = [600, 0]), "the camera takes 0 to 576"),
         (with(|c| c.camera = "127.0.0.1".into()), "no GigE Vision camera is \"127.0.0.1\""),
     ] {
-        assert!(said.contains(says) && said.contains("\"cam\""), "{says}: {said}");
+        assert!(message.contains(says) && message.contains("\"cam\""), "{says}: {message}");
     }
     // Nothing of that keeps the camera.
     assert!(frame::open(&FrameConfig { gain: Lock::Named(NamedLock::Auto), ..config(&front) }).is_ok());

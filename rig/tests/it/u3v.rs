@@ -176,8 +176,8 @@ fn payloads_come_whole_wherever_they_end() {
             }
             let last = packets.last().unwrap().stamp.unwrap();
             let has_chunks = transfer_bytes == Some(2048);
-            let told = reading(&mut camera, "chunk FrameID").zip(reading(&mut camera, "chunk Timestamp"));
-            assert_eq!(told, has_chunks.then_some((f64::from(last.sequence), last.kernel_ns as f64)));
+            let chunks = reading(&mut camera, "chunk FrameID").zip(reading(&mut camera, "chunk Timestamp"));
+            assert_eq!(chunks, has_chunks.then_some((f64::from(last.sequence), last.kernel_ns as f64)));
             assert_eq!(reading(&mut camera, "strange_transfers"), Some(0.0));
         }
     }
@@ -198,8 +198,8 @@ fn packed_pixels_come_as_the_camera_packs_them() {
             // The upper 8 of the 12 bits tell the frame.
             let upper: Vec<u8> = samples.unpack(&packet.payload).iter().map(|value| (value >> 4) as u8).collect();
             assert_eq!((upper.len(), packet.damaged), (64 * 48, false), "{format}");
-            let told = FrameTruth::of(Format::Grey, &upper).unwrap();
-            assert_eq!(told.number, u64::from(packet.stamp.unwrap().sequence), "{format}");
+            let truth = FrameTruth::of(Format::Grey, &upper).unwrap();
+            assert_eq!(truth.number, u64::from(packet.stamp.unwrap().sequence), "{format}");
         }
     }
 }
@@ -323,8 +323,8 @@ fn answers_that_come_late_or_never_are_waited_for_and_asked_for_again() {
     };
     let (packets, incidents, _) = film(&one(faults), &config(), 3);
     assert!(incidents.is_empty() && packets.iter().all(|packet| !packet.damaged), "{incidents:?}");
-    let said = refused(&one(U3vFaults { lost_answers: (30..60).collect(), ..U3vFaults::default() }), &config());
-    assert!(said.contains("does not answer when it is to read") && said.contains("unplug it"), "{said}");
+    let message = refused(&one(U3vFaults { lost_answers: (30..60).collect(), ..U3vFaults::default() }), &config());
+    assert!(message.contains("does not answer when it is to read") && message.contains("unplug it"), "{message}");
 }
 
 #[test]
@@ -372,14 +372,14 @@ fn what_the_camera_cannot_is_refused_with_what_it_can() {
         change(&mut config);
         refused(&bus, &config)
     };
-    for (said, says) in [
+    for (message, says) in [
         (with(|c| c.format = PixelFormat::Rgb8), "the camera has Mono8 (format = \"grey8\"), Mono12 (format"),
         (with(|c| c.width = 66), "the camera takes 16 to 640 in steps of 4 (Width)"),
         (with(|c| c.exposure_us = Lock::At(20_000.0)), "there is time for 10000 µs"),
         (with(|c| c.triggered = true), "genicam.trigger_line = \"\": name the input"),
         (with(|c| c.camera = "U3V00009".into()), "no USB3 Vision camera is \"U3V00009\""),
     ] {
-        assert!(said.contains(says) && said.contains("\"cam\""), "{says}: {said}");
+        assert!(message.contains(says) && message.contains("\"cam\""), "{says}: {message}");
     }
     // Nothing of that keeps the camera.
     assert!(open(&bus, &FrameConfig { gain: Lock::Named(NamedLock::Auto), ..config() }).is_ok());
@@ -402,10 +402,10 @@ fn cameras_are_listed_and_chosen_and_one_program_has_each() {
         let camera = open(&bus, &FrameConfig { camera: wanted.into(), ..config() }).unwrap();
         assert_eq!(camera.description().serial, serial);
     }
-    let said = refused(&bus, &config());
+    let message = refused(&bus, &config());
     assert!(
-        said.contains("several USB3 Vision cameras are there") && said.contains("serial U3V00008, at 1-2"),
-        "{said}"
+        message.contains("several USB3 Vision cameras are there") && message.contains("serial U3V00008, at 1-2"),
+        "{message}"
     );
 
     let _held = open(&bus, &FrameConfig { camera: "left".into(), ..config() }).unwrap();
@@ -413,8 +413,8 @@ fn cameras_are_listed_and_chosen_and_one_program_has_each() {
     assert!(listed[0].problem.as_ref().unwrap().contains("another program uses it"), "{listed:?}");
     // What the system tells of it is there all the same.
     assert_eq!((listed[0].name.as_str(), listed[0].serial.as_str()), ("erfgs Emulated U3V", "U3V00007"));
-    let said = refused(&bus, &FrameConfig { camera: "U3V00007".into(), ..config() });
-    assert!(said.contains("another program uses it. Close other viewers"), "{said}");
+    let message = refused(&bus, &FrameConfig { camera: "U3V00007".into(), ..config() });
+    assert!(message.contains("another program uses it. Close other viewers"), "{message}");
 }
 
 #[test]

@@ -86,7 +86,7 @@ fn run(cli: &Cli) -> Result<(), Box<dyn Error>> {
         return Ok(());
     }
     let Some(out) = &cli.out else { return Ok(()) };
-    let shown = Shown { is_terminal: std::io::stderr().is_terminal(), said: Mutex::default() };
+    let shown = Shown { is_terminal: std::io::stderr().is_terminal(), last: Mutex::default() };
     record(&plan, act, out, &|what, share| shown.tell(what, share))?;
     shown.done();
     if let Some(rig) = &cli.rig {
@@ -102,17 +102,17 @@ fn run(cli: &Cli) -> Result<(), Box<dyn Error>> {
 /// What was said last, and when: on a terminal one line that moves, elsewhere a line every ten seconds.
 struct Shown {
     is_terminal: bool,
-    said: Mutex<Option<Instant>>,
+    last: Mutex<Option<Instant>>,
 }
 
 impl Shown {
     fn tell(&self, what: &str, share: f64) {
         let every = Duration::from_millis(if self.is_terminal { 200 } else { 10_000 });
-        let Ok(mut said) = self.said.lock() else { return };
-        if said.is_some_and(|at| at.elapsed() < every) {
+        let Ok(mut last) = self.last.lock() else { return };
+        if last.is_some_and(|at| at.elapsed() < every) {
             return;
         }
-        *said = Some(Instant::now());
+        *last = Some(Instant::now());
         let percent = 100.0 * share;
         if self.is_terminal {
             eprint!("\r\x1b[2K{what}: {percent:.0} %");

@@ -46,10 +46,10 @@ pub enum FrameError {
     #[error("the answer has {0} bytes, too few")]
     TooShort(usize),
     /// The header's length is not that of the frame.
-    #[error("the answer says it has {said} bytes of payload and has {has}")]
+    #[error("the answer says it has {declared} bytes of payload and has {has}")]
     Length {
         /// Length in the header.
-        said: u32,
+        declared: u32,
         /// Bytes after the header.
         has: usize,
     },
@@ -91,12 +91,12 @@ pub fn request(property: Property, words: &[u32]) -> Vec<u8> {
 /// # Errors
 /// If the frame is malformed, is an answer to something else or reports a failure.
 pub fn payload(property: Property, frame: &[u8]) -> Result<&[u8], FrameError> {
-    let (Some(answered), Some(said)) = (word(frame, 0), word(frame, 1)) else {
+    let (Some(answered), Some(declared)) = (word(frame, 0), word(frame, 1)) else {
         return Err(FrameError::TooShort(frame.len()));
     };
     let payload = &frame[HEADER..];
-    if usize::try_from(said) != Ok(payload.len()) {
-        return Err(FrameError::Length { said, has: payload.len() });
+    if usize::try_from(declared) != Ok(payload.len()) {
+        return Err(FrameError::Length { declared, has: payload.len() });
     }
     match answered {
         FAILURE => Err(FrameError::NotImplemented),
@@ -184,7 +184,7 @@ mod tests {
         assert_eq!(payload(read, &[2, 1, 1]), Err(FrameError::TooShort(3)));
         let mut cut = answer(0x1_0102, &[0, 0x14, 7]);
         cut.pop();
-        assert_eq!(payload(read, &cut), Err(FrameError::Length { said: 12, has: 11 }));
+        assert_eq!(payload(read, &cut), Err(FrameError::Length { declared: 12, has: 11 }));
         let other = request(read, &[0, 0x18, 7]);
         assert!(about(payload(read, &other).unwrap(), 0, 0x14).is_err());
     }

@@ -133,14 +133,14 @@ pub(super) fn prepare<L: Link>(link: &L, config: &FrameConfig) -> Result<Prepare
     let (size, tick_hz) = ([config.width, config.height], device.tick_hz());
     let shape = Shape { format: config.format, size, tick_hz, order: L::ORDER };
     let intake = device.prepare(&more, shape.bytes()).map_err(fail)?;
-    let told = json!({
+    let common_settings = json!({
         "backend": L::BACKEND,
         "tick_hz": tick_hz,
         "asked_rate_hz": config.rate_hz,
         "triggered": config.triggered,
     });
-    if let Value::Object(told) = told {
-        settings.extend(told);
+    if let Value::Object(common_settings) = common_settings {
+        settings.extend(common_settings);
     }
     settings.extend(config.raw.map(|raw| ("raw".to_owned(), json!(raw))));
     device.tell(&intake, &more, &mut settings, &mut missed);

@@ -140,7 +140,7 @@ impl Device for GigeDevice {
         missed: &mut NotApplied,
     ) {
         let (identity, stream) = (&self.found.identity, &intake.stream);
-        let told = json!({
+        let link_settings = json!({
             "address": identity.address.to_string(),
             "mac": identity.mac_text(),
             "user_name": identity.name,
@@ -148,8 +148,8 @@ impl Device for GigeDevice {
             "resend": stream.plan.resend,
             "receive_buffer_bytes": stream.socket.room_bytes(),
         });
-        if let Value::Object(told) = told {
-            settings.extend(told);
+        if let Value::Object(link_settings) = link_settings {
+            settings.extend(link_settings);
         }
         if let Some(asked) = config.packet_bytes {
             missed.compare("genicam.packet_bytes", asked, stream.packet_bytes);
@@ -307,11 +307,11 @@ mod tests {
         for (wanted, serial) in [("A1", "A1"), ("192.168.1.2", "B2"), ("02:00:00:00:00:01", "A1"), ("right", "B2")] {
             assert_eq!(choose("x", wanted, both()).unwrap().identity.serial, serial);
         }
-        let said = |wanted| choose("x", wanted, both()).unwrap_err().to_string();
+        let error = |wanted| choose("x", wanted, both()).unwrap_err().to_string();
         assert!(
-            said("Maker M1").contains("several are \"Maker M1\"") && said("C3").contains("serial B2, at 192.168.1.2")
+            error("Maker M1").contains("several are \"Maker M1\"") && error("C3").contains("serial B2, at 192.168.1.2")
         );
-        assert!(said("").contains("name one as `camera`"));
+        assert!(error("").contains("name one as `camera`"));
         assert!(choose::<Found>("x", "", Vec::new()).unwrap_err().to_string().contains("behind a router"));
         assert_eq!(choose("x", "", vec![camera(3, "", "")]).unwrap().identity.mac[5], 3);
     }

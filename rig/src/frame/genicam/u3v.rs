@@ -132,7 +132,7 @@ impl Device for U3vDevice {
         missed: &mut NotApplied,
     ) {
         let (identity, intake) = (&self.found.identity, &intake.intake);
-        let told = json!({
+        let link_settings = json!({
             "port": identity.port,
             "usb": { "device": identity.to_string(), "link": identity.speed.to_string() },
             "user_name": self.found.name,
@@ -142,8 +142,8 @@ impl Device for U3vDevice {
                 "wanted_transfers": intake.wanted.transfers,
             },
         });
-        if let Value::Object(told) = told {
-            settings.extend(told);
+        if let Value::Object(link_settings) = link_settings {
+            settings.extend(link_settings);
         }
         if let Some(asked) = config.transfers {
             missed.compare("genicam.transfers", asked, intake.flight.transfers);

@@ -40,7 +40,7 @@ struct Health {
     /// Lost blocks that are counted.
     lost: u64,
     /// What has been told of, once a stream.
-    told: VecDeque<String>,
+    warnings: VecDeque<String>,
 }
 
 impl<L: Link> Watch<L> {
@@ -66,7 +66,7 @@ impl<L: Link> Watch<L> {
 
     /// Takes frames until the owner stops (`Ok`), or the camera is lost.
     fn stream(&mut self, ready: &mut Ready<L::Device>) -> Result<(), String> {
-        let mut health = Health { last: Instant::now(), lost: 0, told: VecDeque::new() };
+        let mut health = Health { last: Instant::now(), lost: 0, warnings: VecDeque::new() };
         let mut ends = None;
         let id = self.config.id.clone();
         loop {
@@ -129,14 +129,14 @@ impl<L: Link> Watch<L> {
     }
 
     fn warn(&self, health: &mut Health, message: String) {
-        if health.told.contains(&message) {
+        if health.warnings.contains(&message) {
             return;
         }
         // Enough to tell each kind once.
-        if health.told.len() == 16 {
-            health.told.pop_front();
+        if health.warnings.len() == 16 {
+            health.warnings.pop_front();
         }
-        health.told.push_back(message.clone());
+        health.warnings.push_back(message.clone());
         self.outlet.report(Incident::Warning { message: format!("camera {}: {message}", self.config.id) });
     }
 

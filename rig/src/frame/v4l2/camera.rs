@@ -139,12 +139,12 @@ fn prepare(config: &FrameConfig, found: &FoundCamera) -> Result<(Ready, Map<Stri
     let asked = asked.ok_or_else(|| fail("name its format", io::ErrorKind::Unsupported.into()))?;
     let format = node.set_format(asked, width, height).map_err(|error| fail("set its format", error))?;
     if !known.clone().any(|code| code == format.fourcc) || (format.width, format.height) != (width, height) {
-        let told = |f: u32, w, h| format!("{} of {w} x {h} pixels", fourcc_text(f));
+        let describe = |f: u32, w, h| format!("{} of {w} x {h} pixels", fourcc_text(f));
         return Err(FrameError::Format {
             id: config.id.clone(),
             node: node_name,
-            asked: told(asked, width, height),
-            offered: told(format.fourcc, format.width, format.height),
+            asked: describe(asked, width, height),
+            offered: describe(format.fourcc, format.width, format.height),
             formats: offered.into_iter().map(format_text).collect::<Vec<_>>().join(", "),
         });
     }
@@ -153,7 +153,7 @@ fn prepare(config: &FrameConfig, found: &FoundCamera) -> Result<(Ready, Map<Stri
     // Some cameras (triggered ones, loop devices) have no rate of their own.
     let interval = node.set_interval(1000, (config.rate_hz * 1000.0).round() as u32).ok();
     let rate = interval.filter(|interval| interval.0 > 0).map(|(n, d)| f64::from(d) / f64::from(n));
-    let told = json!({
+    let device_settings = json!({
         "backend": "v4l2",
         "driver": capabilities.driver,
         "kernel": format!("{}.{}.{}", capabilities.version >> 16, capabilities.version >> 8 & 255, capabilities.version & 255),
@@ -165,8 +165,8 @@ fn prepare(config: &FrameConfig, found: &FoundCamera) -> Result<(Ready, Map<Stri
         "asked_rate_hz": config.rate_hz,
         "triggered": config.triggered,
     });
-    if let Value::Object(told) = told {
-        settings.extend(told);
+    if let Value::Object(device_settings) = device_settings {
+        settings.extend(device_settings);
     }
     if let Some(rate) = rate.filter(|&rate| is_another(rate, config.rate_hz)) {
         missed.compare("rate_hz", config.rate_hz, rate);

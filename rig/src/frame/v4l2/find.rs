@@ -78,13 +78,13 @@ fn serial(node: &Path, class: &Path) -> String {
 
 /// The camera that a configuration means: by serial number, place, node or name, in this order.
 pub fn choose(id: &str, wanted: &str, cameras: Vec<FoundCamera>) -> Result<FoundCamera, FrameError> {
-    let told = |camera: &FoundCamera| {
+    let describe = |camera: &FoundCamera| {
         let serial = if camera.serial.is_empty() { String::new() } else { format!(", serial {}", camera.serial) };
         format!("{} ({}, at {}{serial})", camera.name, camera.node.display(), camera.bus)
     };
     let found = match cameras.as_slice() {
         [] => "none".to_owned(),
-        cameras => cameras.iter().map(told).collect::<Vec<_>>().join("; "),
+        cameras => cameras.iter().map(describe).collect::<Vec<_>>().join("; "),
     };
     let fail = |problem: String| FrameError::Find { id: id.to_owned(), problem, found: found.clone() };
     let kinds: [fn(&FoundCamera) -> String; 4] =

@@ -266,9 +266,9 @@ mod tests {
         assert!(interface.reaches([192, 168, 5, 77].into()) && !interface.reaches([192, 168, 6, 77].into()));
         assert_eq!(interface.broadcast(), Ipv4Addr::new(192, 168, 5, 255));
         let lost = found([169, 254, 1, 250], [255, 255, 0, 0], Reach::WrongSubnet(interface));
-        let told = lost.wrong_subnet().unwrap();
-        assert!(told.contains("169.254.1.250/16") && told.contains("eth1 (192.168.5.1/24)"), "{told}");
-        assert!(told.ends_with("`sudo ip addr add 169.254.1.249/16 dev eth1`"), "{told}");
+        let advice = lost.wrong_subnet().unwrap();
+        assert!(advice.contains("169.254.1.250/16") && advice.contains("eth1 (192.168.5.1/24)"), "{advice}");
+        assert!(advice.ends_with("`sudo ip addr add 169.254.1.249/16 dev eth1`"), "{advice}");
         assert_eq!(found([10, 0, 0, 1], [255, 0, 0, 0], Reach::From([10, 0, 0, 2].into())).wrong_subnet(), None);
     }
 

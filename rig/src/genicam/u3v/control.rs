@@ -71,13 +71,13 @@ impl Channel {
         let sbrm = self.double(register::SBRM)?;
         let mut largest = [0; 2];
         for (largest, at) in largest.iter_mut().zip(register::LARGEST) {
-            let told = self.word(offset(sbrm, at)?)? as usize;
-            if told < LEAST_BYTES {
+            let bytes = self.word(offset(sbrm, at)?)? as usize;
+            if bytes < LEAST_BYTES {
                 return Err(GenicamError::Usb3 {
-                    reason: format!("its largest packet has {told} bytes, too few to be"),
+                    reason: format!("its largest packet has {bytes} bytes, too few to be"),
                 });
             }
-            *largest = told.min(MOST_BYTES);
+            *largest = bytes.min(MOST_BYTES);
         }
         let mut state = self.state();
         state.patience = patience.clamp(PATIENCE[0], PATIENCE[1]);

@@ -170,11 +170,11 @@ fn read_description(channel: &Channel) -> Result<String, GenicamError> {
     let read = |entry: u64| {
         let at = offset(manifest, 8 + entry * ENTRY_BYTES)?;
         let address = channel.double(offset(at, 8)?)?;
-        let told = channel.double(offset(at, 16)?)?;
-        match usize::try_from(told) {
+        let bytes = channel.double(offset(at, 16)?)?;
+        match usize::try_from(bytes) {
             Ok(length @ 1..=description::MOST_BYTES) => description::text(&channel.memory(address, length)?),
             _ => Err(description::unusable(format!(
-                "its manifest says {told} bytes; it can be 1 to {}",
+                "its manifest says {bytes} bytes; it can be 1 to {}",
                 description::MOST_BYTES
             ))),
         }

@@ -80,8 +80,8 @@ pub fn find(bus: &dyn Bus) -> Result<Vec<Found>, TransportError> {
             problem: None,
             identity,
         };
-        let told = open(bus, &found.identity).and_then(|opened| ask(&opened.channel, &mut found));
-        found.problem = match told {
+        let result = open(bus, &found.identity).and_then(|opened| ask(&opened.channel, &mut found));
+        found.problem = match result {
             Ok(()) => found.identity.speed.advice(),
             Err(error) => Some(error.to_string()),
         };
@@ -95,9 +95,9 @@ pub fn find(bus: &dyn Bus) -> Result<Vec<Found>, TransportError> {
 fn ask(channel: &Channel, found: &mut Found) -> Result<(), GenicamError> {
     let [maker, model, serial, name] = register::TEXTS;
     for (at, text) in [(maker, &mut found.maker), (model, &mut found.model), (serial, &mut found.serial)] {
-        let told = channel.text(at)?;
-        if !told.is_empty() {
-            *text = told;
+        let value = channel.text(at)?;
+        if !value.is_empty() {
+            *text = value;
         }
     }
     if channel.double(register::CAPABILITY)? & 1 == 1 {

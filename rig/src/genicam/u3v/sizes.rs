@@ -57,10 +57,10 @@ impl Sizes {
         // No larger than a frame: each transfer takes that much memory of the kernel.
         let transfer = most.min(payload.next_multiple_of(alignment));
         let mut ends = [0; 2];
-        for ((end, told), least) in ends.iter_mut().zip(needs.ends).zip(LEAST_ENDS) {
-            *end = told.max(least).checked_next_multiple_of(alignment).filter(|end| *end <= transfer).ok_or_else(
+        for ((end, needed), least) in ends.iter_mut().zip(needs.ends).zip(LEAST_ENDS) {
+            *end = needed.max(least).checked_next_multiple_of(alignment).filter(|end| *end <= transfer).ok_or_else(
                 || GenicamError::Usb3 {
-                    reason: format!("a leader or trailer of {told} bytes is larger than a transfer"),
+                    reason: format!("a leader or trailer of {needed} bytes is larger than a transfer"),
                 },
             )?;
         }

@@ -44,8 +44,9 @@ impl Kept {
 
     /// Waits until `done` says so; fails after a minute, and tells the incidents then.
     pub fn wait(&self, what: &str, mut done: impl FnMut(&Self) -> bool) {
-        let told = || format!("{what}; {} packets came, and of incidents {:?}", self.packets().len(), self.incidents());
-        wait_for(told, || done(self));
+        let describe =
+            || format!("{what}; {} packets came, and of incidents {:?}", self.packets().len(), self.incidents());
+        wait_for(describe, || done(self));
     }
 
     /// Waits for so many packets in all.
@@ -59,11 +60,11 @@ impl Kept {
     }
 }
 
-/// Waits until `done` says so; fails after a minute with what `told` says that should have happened.
-pub fn wait_for(told: impl Fn() -> String, mut done: impl FnMut() -> bool) {
+/// Waits until `done` says so; fails after a minute with what `describe` says that should have happened.
+pub fn wait_for(describe: impl Fn() -> String, mut done: impl FnMut() -> bool) {
     let began = Instant::now();
     while !done() {
-        assert!(began.elapsed() < PATIENCE, "this does not happen: {}", told());
+        assert!(began.elapsed() < PATIENCE, "this does not happen: {}", describe());
         sleep(LOOK_EVERY);
     }
 }

@@ -201,10 +201,10 @@ fn a_camera_that_is_plugged_in_again_gets_its_configuration_back() {
     bucket.wait_for_bytes(50_000);
     source.stop().unwrap();
     assert_eq!(register(&camera, 0x1010), 0x11A1_0000 | (0x69 + 20));
-    let told = bucket.incidents();
+    let incidents = bucket.incidents();
     assert!(
-        matches!(&told[..], [Incident::Lost { reason }, Incident::Back] if reason.contains("00051234")),
-        "{told:?}"
+        matches!(&incidents[..], [Incident::Lost { reason }, Incident::Back] if reason.contains("00051234")),
+        "{incidents:?}"
     );
     assert_eq!(source.counters().reconnections, 1);
     let runs = decode(&bucket, EventEncoding::Evt3);
@@ -333,11 +333,11 @@ fn refused_memory_is_told_with_advice() {
     bus.grants.store(5, Ordering::SeqCst);
     let mut source = open(&bus, Evk4Config::default()).unwrap();
     let bucket = record(&mut source, 10_000);
-    let told = bucket.incidents();
+    let incidents = bucket.incidents();
     assert!(
-        told.iter().any(|it| matches!(it, Incident::Warning { message }
+        incidents.iter().any(|it| matches!(it, Incident::Warning { message }
             if message.contains("5 of") && message.contains("usbfs_memory_mb"))),
-        "{told:?}"
+        "{incidents:?}"
     );
     assert_eq!(source.description().settings["stream"]["transfers"], 5);
     drop(source);

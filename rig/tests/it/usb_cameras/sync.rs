@@ -82,13 +82,13 @@ fn board() -> (Vec<Packet>, Vec<(i64, bool)>) {
             let (at, text) = entry.remove_entry();
             board.receive(&text, at);
         }
-        let said = board.take_said();
-        if !said.is_empty() {
+        let output = board.take_output();
+        if !output.is_empty() {
             let n = packets.len() as u64;
             let late = -200_000.0 * random::range(random::key(8, &[n]), 1e-9, 1.0).ln();
-            let arrived = now + said.len() as i64 * 20_000 + 80_000 + late as i64;
+            let arrived = now + output.len() as i64 * 20_000 + 80_000 + late as i64;
             let arrived = packets.last().map_or(arrived, |before| before.host_ns.max(arrived));
-            packets.push(packet(n, arrived, said));
+            packets.push(packet(n, arrived, output));
         }
     }
     let edges = board.take_edges().into_iter().filter(|edge| edge.line == Line::Events);
@@ -206,12 +206,12 @@ fn errors(
         // told the edge after the one before.
         let window = arrived[&sequence] - LATE_NS..arrived[&sequence];
         let within = |&at: &usize| edges[at].1 == rising && window.contains(&edges[at].0);
-        let told: Vec<usize> = (0..edges.len()).filter(within).collect();
-        assert!(told.len() <= 1, "packet {sequence}");
-        let told = told.first().copied().or(before.map(|before: usize| before + 1)).expect("an edge");
-        assert_eq!(edges[told].1, rising, "packet {sequence}");
-        before = Some(told);
-        (edges[told].0, at_ns + START_NS - edges[told].0)
+        let matching: Vec<usize> = (0..edges.len()).filter(within).collect();
+        assert!(matching.len() <= 1, "packet {sequence}");
+        let edge = matching.first().copied().or(before.map(|before: usize| before + 1)).expect("an edge");
+        assert_eq!(edges[edge].1, rising, "packet {sequence}");
+        before = Some(edge);
+        (edges[edge].0, at_ns + START_NS - edges[edge].0)
     });
     (sync.clone(), found.collect())
 }

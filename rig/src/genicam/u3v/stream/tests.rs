@@ -73,12 +73,12 @@ fn what_is_missing_is_told_of_once() {
     let [mut five, six] = [5, 6].map(|id| transfers(id, 5000, 2048));
     five.pop();
     let blocks = take(&mut receiver, &[sent, five, six[1..].to_vec(), transfers(7, 5000, 2048)].concat());
-    let told: Vec<_> = blocks.iter().map(|block| (block.number, block.damage, block.missing)).collect();
+    let received: Vec<_> = blocks.iter().map(|block| (block.number, block.damage, block.missing)).collect();
     let missing = Some(Damage::Missing);
-    assert_eq!(told[0], (3, missing, 1));
+    assert_eq!(received[0], (3, missing, 1));
     // What came of 6 is behind 5, which had all of its own.
-    assert_eq!(told[1], (5, Some(Damage::Layout), 1));
-    assert_eq!(told[2..], [(7, None, 0)]);
+    assert_eq!(received[1], (5, Some(Damage::Layout), 1));
+    assert_eq!(received[2..], [(7, None, 0)]);
     assert!(blocks.iter().all(|block| block.bytes.len() == 5000));
     assert_eq!(blocks[0].bytes[..1024], payload(3, 5000)[1024..2048]);
     let counts = Counts { lost: 2, missing: 2, endless: 1, ..Counts::default() };
@@ -103,8 +103,8 @@ fn a_camera_that_counts_anew_loses_nothing() {
     let mut receiver = Receiver::new(PLAN);
     let sent = [100, 0, 1, u64::MAX].map(|id| transfers(id, 5000, 8192)).concat();
     let blocks = take(&mut receiver, &sent);
-    let told: Vec<_> = blocks.iter().map(|block| (block.number, block.restarted)).collect();
-    assert_eq!(told, [(100, false), (101, true), (102, false), (103, true)]);
+    let received: Vec<_> = blocks.iter().map(|block| (block.number, block.restarted)).collect();
+    assert_eq!(received, [(100, false), (101, true), (102, false), (103, true)]);
     assert_eq!(receiver.counts(), Counts::default());
 }
 
