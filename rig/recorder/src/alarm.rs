@@ -190,12 +190,12 @@ struct Rate {
     mean: f64,
     windows: u32,
     /// Within the window that runs it was told already.
-    told: bool,
+    is_reported: bool,
 }
 
 impl Rate {
     fn new(factor: f64) -> Self {
-        Self { factor, window: None, bytes: 0.0, mean: 0.0, windows: 0, told: false }
+        Self { factor, window: None, bytes: 0.0, mean: 0.0, windows: 0, is_reported: false }
     }
 
     /// Takes a packet; gives how many times as fast data come, if that is a rise.
@@ -207,13 +207,13 @@ impl Rate {
             self.windows = self.windows.saturating_add(1);
             let weight = (1.0 / f64::from(self.windows)).max(1.0 / MEMORY);
             self.mean += weight * (self.bytes - self.mean);
-            (self.bytes, self.told) = (0.0, false);
+            (self.bytes, self.is_reported) = (0.0, false);
         }
         self.window = Some(window);
         self.bytes += bytes as f64;
         let usual = self.mean.max(LEAST_BYTES);
-        let rises = self.windows >= ENOUGH && !self.told && self.bytes > self.factor * usual;
-        self.told |= rises;
+        let rises = self.windows >= ENOUGH && !self.is_reported && self.bytes > self.factor * usual;
+        self.is_reported |= rises;
         rises.then(|| self.bytes / usual)
     }
 }
@@ -228,14 +228,14 @@ mod tests {
     #[test]
     fn a_rise_is_told_once_within_a_window_and_a_steady_rate_never() {
         let mut rate = Rate::new(3.0);
-        let mut told = Vec::new();
+        let mut rises = Vec::new();
         for ms in 0..6000_i64 {
             let bytes = if (4000..4100).contains(&ms) { 5000 } else { 900 + (ms % 7) as usize * 50 };
-            told.extend(rate.take(ms * 1_000_000, bytes).map(|times| (ms, times)));
+            rises.extend(rate.take(ms * 1_000_000, bytes).map(|times| (ms, times)));
         }
-        assert!((1..=2).contains(&told.len()), "{told:?}");
-        let (ms, times) = told[0];
-        assert!((4000..4050).contains(&ms) && times > 3.0, "{told:?}");
+        assert!((1..=2).contains(&rises.len()), "{rises:?}");
+        let (ms, times) = rises[0];
+        assert!((4000..4050).contains(&ms) && times > 3.0, "{rises:?}");
     }
 
     #[test]

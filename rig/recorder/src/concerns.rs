@@ -54,9 +54,9 @@ impl Concerns {
         let now: BTreeSet<(String, &'static str)> = found.iter().map(|(id, kind, _)| (id.clone(), *kind)).collect();
         let known = std::mem::replace(&mut self.known, now);
         let new = found.into_iter().filter(|(id, kind, _)| !known.contains(&(id.clone(), *kind)));
-        let mut said: Vec<(String, String)> = new.map(|(id, _, says)| (id, says)).collect();
-        said.dedup();
-        said
+        let mut messages: Vec<(String, String)> = new.map(|(id, _, says)| (id, says)).collect();
+        messages.dedup();
+        messages
     }
 }
 
@@ -101,10 +101,10 @@ mod tests {
     fn clocks_that_no_camera_has_are_named() {
         let mut concerns = Concerns::default();
         assert!(concerns.of(&status(None, 80.0, 900.0)).is_empty());
-        let said = concerns.of(&status(None, -4000.0, 400_000.0));
-        assert_eq!(said.len(), 2, "{said:?}");
-        assert!(said.iter().all(|(stream, _)| stream == "left"));
-        assert!(said[0].1.contains("-4000 ppm") && said[1].1.contains("400 ms late"), "{said:?}");
+        let messages = concerns.of(&status(None, -4000.0, 400_000.0));
+        assert_eq!(messages.len(), 2, "{messages:?}");
+        assert!(messages.iter().all(|(stream, _)| stream == "left"));
+        assert!(messages[0].1.contains("-4000 ppm") && messages[1].1.contains("400 ms late"), "{messages:?}");
         assert!(concerns.of(&status(None, -4001.0, 400_000.0)).is_empty(), "said once");
     }
 }

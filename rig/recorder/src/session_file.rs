@@ -300,12 +300,15 @@ mod tests {
             assert!(files.open(&path, &SessionInfo::default(), std::slice::from_ref(&description)).is_err());
             assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "{split:?}");
             let absent = folder.path().join("absent/take.mcap");
-            let said = files.open(&absent, &SessionInfo::default(), &[]).err().unwrap().to_string();
-            assert!(said.contains("absent/take.mcap") && !said.contains("recover"), "nothing is there: {said}");
+            let message = files.open(&absent, &SessionInfo::default(), &[]).err().unwrap().to_string();
+            assert!(
+                message.contains("absent/take.mcap") && !message.contains("recover"),
+                "nothing is there: {message}"
+            );
         }
-        let said = not_begun(Path::new("take.mcap"), SinkError::Full("take.mcap".into())).to_string();
-        assert!(said.contains("begin take.mcap") && said.contains("free some space"), "{said}");
-        assert!(!said.contains("recover"), "{said}");
+        let message = not_begun(Path::new("take.mcap"), SinkError::Full("take.mcap".into())).to_string();
+        assert!(message.contains("begin take.mcap") && message.contains("free some space"), "{message}");
+        assert!(!message.contains("recover"), "{message}");
     }
 
     #[test]

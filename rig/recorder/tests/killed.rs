@@ -198,7 +198,7 @@ impl SessionSink for Teller {
 
 /// What the process said of one take.
 #[derive(Debug, Default)]
-struct Said {
+struct Progress {
     flushed: [Option<u64>; STREAMS],
     first_ns: Option<i64>,
     taken_ns: Option<i64>,
@@ -249,30 +249,30 @@ fn kill_and_look(kill: u64, found: &Mutex<Found>) {
     let take_ms = if kill.is_multiple_of(2) { "25" } else { "60000" };
     // A third of them change files every few milliseconds.
     let part_ms = if kill % 3 == 2 { 3 } else { 0 };
-    let said = record_and_kill(folder.path(), take_ms, part_ms, Duration::from_millis(after_ms));
+    let takes = record_and_kill(folder.path(), take_ms, part_ms, Duration::from_millis(after_ms));
     let is_first = |name: String| name.matches('.').count() == 1;
     let names = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
     let files = names.filter(|name| is_first(name.clone())).count();
-    let last = said.keys().next_back().unwrap();
+    let last = takes.keys().next_back().unwrap();
     assert!(files as u64 == last + 1 || files as u64 == *last, "kill {kill}: {files} files, {last} was begun last");
-    for (take, said) in &said {
+    for (take, progress) in &takes {
         let path = folder.path().join(format!("{take}.mcap"));
         // Killed between saying so and making the file, or between that and its first bytes.
-        if said.taken_ns.is_none() && fs::metadata(&path).map_or(0, |file| file.len()) == 0 {
+        if progress.taken_ns.is_none() && fs::metadata(&path).map_or(0, |file| file.len()) == 0 {
             assert_eq!(take, last);
             found.lock().unwrap().empty += 1;
             continue;
         }
-        let loss = if part_ms > 0 { check_parts(&path, said) } else { check(&path, said) };
-        let loss = loss.unwrap_or_else(|wrong| panic!("kill {kill}, take {take}: {wrong}\n{said:?}"));
+        let loss = if part_ms > 0 { check_parts(&path, progress) } else { check(&path, progress) };
+        let loss = loss.unwrap_or_else(|wrong| panic!("kill {kill}, take {take}: {wrong}\n{progress:?}"));
         let mut found = found.lock().unwrap();
         found.parts += parts_beside(&path).unwrap().len();
         found.worst_ns = found.worst_ns.max(loss);
-        *if said.ended.is_some() { &mut found.whole } else { &mut found.recovered } += 1;
+        *if progress.ended.is_some() { &mut found.whole } else { &mut found.recovered } += 1;
     }
 }
 
-fn record_and_kill(folder: &Path, take_ms: &str, part_ms: i64, after: Duration) -> BTreeMap<u64, Said> {
+fn record_and_kill(folder: &Path, take_ms: &str, part_ms: i64, after: Duration) -> BTreeMap<u64, Progress> {
     let mut child = Command::new(env::current_exe().unwrap())
         .args(["record", folder.to_str().unwrap(), take_ms, &part_ms.to_string()])
         .stdout(Stdio::piped())
@@ -291,11 +291,11 @@ fn record_and_kill(folder: &Path, take_ms: &str, part_ms: i64, after: Duration) 
     let status = child.wait().unwrap();
     assert!(status.code().is_none(), "the recorder ended by itself: {status}");
     let text = reader.join().unwrap();
-    let mut said: BTreeMap<u64, Said> = BTreeMap::new();
+    let mut takes: BTreeMap<u64, Progress> = BTreeMap::new();
     let complete = text.rsplit_once('\n').map_or("", |(complete, _)| complete);
     for line in complete.lines() {
         let words: Vec<&str> = line.split(' ').collect();
-        let take = said.entry(words[1].parse().unwrap()).or_default();
+        let take = takes.entry(words[1].parse().unwrap()).or_default();
         match words[0] {
             "begun" => {}
             "taken" => {
@@ -307,41 +307,43 @@ fn record_and_kill(folder: &Path, take_ms: &str, part_ms: i64, after: Duration) 
             other => panic!("unexpected line: {other}"),
         }
     }
-    said
+    takes
 }
 
 /// Repairs and reads a take.
-fn check(path: &Path, said: &Said) -> Result<i64, String> {
+fn check(path: &Path, progress: &Progress) -> Result<i64, String> {
     let repaired = path.with_extension("repaired.mcap");
     let done = recover(path, &repaired).map_err(|error| error.to_string())?;
-    if said.ended.is_some() && !done.was_whole {
+    if progress.ended.is_some() && !done.was_whole {
         return Err("a completed take needed repair".into());
     }
-    let loss = read(if done.was_whole { path } else { &repaired }, said, true);
+    let loss = read(if done.was_whole { path } else { &repaired }, progress, true);
     fs::remove_file(&repaired).ok();
     loss
 }
 
 /// Reads a take in parts as it was left, repairs its files, and reads it again.
-fn check_parts(first: &Path, said: &Said) -> Result<i64, String> {
-    let loss = read(first, said, said.ended.is_some())?;
+fn check_parts(first: &Path, progress: &Progress) -> Result<i64, String> {
+    let loss = read(first, progress, progress.ended.is_some())?;
     let files = parts_beside(first).map_err(|error| error.to_string())?.len() as u32;
     for part in 0..=files {
         let path = part_path(first, part);
         match recover_in_place(&path) {
-            Ok(done) if said.ended.is_some() && !done.was_whole => return Err("a completed take needed repair".into()),
+            Ok(done) if progress.ended.is_some() && !done.was_whole => {
+                return Err("a completed take needed repair".into());
+            }
             Ok(_) => {}
             // Killed before anything was in it.
             Err(_) if part == files && part > 0 => fs::remove_file(&path).map_err(|error| error.to_string())?,
             Err(error) => return Err(error.to_string()),
         }
     }
-    let again = read(first, said, false)?;
+    let again = read(first, progress, false)?;
     if again == loss { Ok(loss) } else { Err(format!("{again} ns are lost after the repair, {loss} before")) }
 }
 
 /// Reads a take. Gives the time between the last packet that the writer took and the last one in the file.
-fn read(path: &Path, said: &Said, complete: bool) -> Result<i64, String> {
+fn read(path: &Path, progress: &Progress, complete: bool) -> Result<i64, String> {
     let mut session = Session::open(path).map_err(|error| error.to_string())?;
     if complete && !session.summary().complete {
         return Err(format!("the take is not complete: {:?}", session.summary().faults()));
@@ -359,15 +361,15 @@ fn read(path: &Path, said: &Said, complete: bool) -> Result<i64, String> {
         last_ns = last_ns.max(packet.host_ns);
         count += 1;
     }
-    for (stream, flushed) in said.flushed.iter().enumerate() {
+    for (stream, flushed) in progress.flushed.iter().enumerate() {
         if flushed.is_some_and(|flushed| next[stream].is_none_or(|next| next <= flushed)) {
             return Err(format!("stream {stream} lacks flushed packets: it ends before {:?}", next[stream]));
         }
     }
-    if said.ended.is_some_and(|ended| ended != count) {
+    if progress.ended.is_some_and(|ended| ended != count) {
         return Err(format!("{count} packets are in a completed take"));
     }
-    let Some(taken_ns) = said.taken_ns else { return Ok(0) };
-    let loss = taken_ns - if count > 0 { last_ns } else { said.first_ns.unwrap_or(taken_ns) };
+    let Some(taken_ns) = progress.taken_ns else { return Ok(0) };
+    let loss = taken_ns - if count > 0 { last_ns } else { progress.first_ns.unwrap_or(taken_ns) };
     if loss > LOSS_NS { Err(format!("{loss} ns are lost")) } else { Ok(loss) }
 }

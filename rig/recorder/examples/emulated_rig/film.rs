@@ -125,33 +125,33 @@ impl Films {
 /// A line that says how far the filming is.
 struct Shown {
     name: &'static str,
-    said: Mutex<(Option<Instant>, u32)>,
+    last: Mutex<(Option<Instant>, u32)>,
     is_terminal: bool,
 }
 
 impl Shown {
     fn new(name: &'static str) -> Self {
-        let shown = Self { name, said: Mutex::new((None, 0)), is_terminal: std::io::stderr().is_terminal() };
+        let shown = Self { name, last: Mutex::new((None, 0)), is_terminal: std::io::stderr().is_terminal() };
         shown.share(0.0);
         shown
     }
 
     fn share(&self, share: f64) {
         let percent = (100.0 * share.clamp(0.0, 1.0)) as u32;
-        let Ok(mut said) = self.said.lock() else { return };
+        let Ok(mut last) = self.last.lock() else { return };
         // On a terminal one line that moves; elsewhere one every quarter.
         if self.is_terminal {
-            if said.0.is_some_and(|at| at.elapsed() < Duration::from_millis(200)) {
+            if last.0.is_some_and(|at| at.elapsed() < Duration::from_millis(200)) {
                 return;
             }
             eprint!("\r\x1b[2Kfilming the stage, which is kept for the next time: {} {percent} %", self.name);
             let _ = std::io::stderr().flush();
-        } else if said.0.is_none() || percent / 25 > said.1 / 25 {
+        } else if last.0.is_none() || percent / 25 > last.1 / 25 {
             eprintln!("filming the stage: {} {percent} %", self.name);
         } else {
             return;
         }
-        *said = (Some(Instant::now()), percent);
+        *last = (Some(Instant::now()), percent);
     }
 
     fn done(&self) {

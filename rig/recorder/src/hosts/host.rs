@@ -36,7 +36,7 @@ const GIVE_UP: Duration = Duration::from_secs(10);
 /// For so long a host is told to stop that answers and records on: it may have much to write.
 const REFUSES: Duration = Duration::from_secs(20);
 /// Warnings and errors of a host that are told in a while; it has a page for more.
-const TOLD: usize = 20;
+const MOST_MESSAGES: usize = 20;
 /// That while.
 const WHILE: Duration = Duration::from_secs(60);
 /// For so long a host may say that nothing is recorded yet after it was told to.
@@ -212,27 +212,27 @@ impl Host {
     pub async fn look(&self) -> Vec<HostMessage> {
         let status = self.status().await;
         let mut state = self.state();
-        let mut said = Vec::new();
+        let mut messages = Vec::new();
         match status {
             Err(error) => {
                 let silent_for = state.answered.map_or(Duration::MAX, |at| at.elapsed());
                 state.silent = Some(self.named_before(&error));
                 if !state.lost && (silent_for >= LOST || matches!(error, HostError::Token { .. })) {
                     state.lost = true;
-                    said.push((Level::Error, String::new(), self.without(&state, &error)));
+                    messages.push((Level::Error, String::new(), self.without(&state, &error)));
                 }
             }
             Ok(status) => {
                 if std::mem::take(&mut state.lost) {
-                    said.push((Level::Warning, String::new(), "it answers again".into()));
+                    messages.push((Level::Warning, String::new(), "it answers again".into()));
                 }
-                said.extend(new_messages(&mut state, &status));
+                messages.extend(new_messages(&mut state, &status));
                 if !self.ordered.load(Relaxed) {
-                    said.extend(self.ended(&mut state, &status));
+                    messages.extend(self.ended(&mut state, &status));
                 }
             }
         }
-        said
+        messages
     }
 
     /// An error where the host's name stands before it already.
@@ -258,7 +258,7 @@ impl Host {
     fn ended(&self, state: &mut State, status: &Status) -> Option<HostMessage> {
         let take = state.take.as_mut().filter(|take| take.end.is_none())?;
         take.end = Some(end_of(take, status)?);
-        let (level, says) = self.as_told(take)?.says();
+        let (level, says) = self.host_take(take)?.says();
         Some((level, String::new(), format!("{says}. The others go on")))
     }
 
@@ -346,17 +346,17 @@ impl Host {
             (take.name.clone(), (!known).then_some((if lost { LOST } else { GIVE_UP }, refuses)))
         };
         if let Some((patience, refuses)) = patience {
-            let end = self.told_to_stop(&name, patience, refuses).await;
+            let end = self.end_recording(&name, patience, refuses).await;
             if let Some(take) = &mut self.state().take {
                 take.end = Some(end);
             }
         }
         let state = self.state();
-        self.as_told(state.take.as_ref()?)
+        self.host_take(state.take.as_ref()?)
     }
 
-    async fn told_to_stop(&self, name: &str, patience: Duration, refuses: Duration) -> HostEnd {
-        let mut told: Option<Instant> = None;
+    async fn end_recording(&self, name: &str, patience: Duration, refuses: Duration) -> HostEnd {
+        let mut ordered_at: Option<Instant> = None;
         let ours = |path: &Path| path.file_name() == Some(name.as_ref());
         let (begun, mut heard) = (Instant::now(), Instant::now());
         loop {
@@ -365,7 +365,7 @@ impl Host {
                 Ok(status) => {
                     heard = Instant::now();
                     if status.recording.as_ref().is_some_and(|recording| ours(&recording.path)) {
-                        let since = *told.get_or_insert_with(Instant::now);
+                        let since = *ordered_at.get_or_insert_with(Instant::now);
                         // It may have ended by itself meanwhile, or the answer be lost: then its status tells.
                         let answer = ask(&self.link, "/api/stop", Some("{}".into()), ORDER, Longest::Words).await;
                         let summary: Option<Summary> = answer.ok().and_then(|answer| bounded::read(&answer.body).ok());
@@ -378,7 +378,7 @@ impl Host {
                         }
                     } else if let Some(end) = self.state().take.as_ref().and_then(|take| end_of(take, &status)) {
                         return match end {
-                            HostEnd::Early(summary) if told.is_some() => HostEnd::Stopped(summary),
+                            HostEnd::Early(summary) if ordered_at.is_some() => HostEnd::Stopped(summary),
                             end => end,
                         };
                     }
@@ -400,7 +400,7 @@ impl Host {
         HostEnd::Unknown { why, seconds, bytes }
     }
 
-    fn as_told(&self, take: &Take) -> Option<HostTake> {
+    fn host_take(&self, take: &Take) -> Option<HostTake> {
         let end = take.end.clone()?;
         Some(HostTake { host: self.link.name(), address: self.link.host().into(), path: take.path.clone(), end })
     }
@@ -448,33 +448,33 @@ fn new_messages(state: &mut State, status: &Status) -> Vec<HostMessage> {
 
 /// As many messages as are told in a while; once that is over, how many there were besides.
 fn few(telling: &mut Option<(Instant, usize, usize)>, new: Vec<HostMessage>, now: Instant) -> Vec<HostMessage> {
-    let mut said = Vec::new();
+    let mut messages = Vec::new();
     if let Some((since, _, left_out)) = *telling
         && now.duration_since(since) >= WHILE
     {
         *telling = None;
         if left_out > 0 {
-            said.push((Level::Warning, String::new(), format!("{left_out} more messages are shown on its page")));
+            messages.push((Level::Warning, String::new(), format!("{left_out} more messages are shown on its page")));
         }
     }
     for message in new {
-        let (_, told, left_out) = telling.get_or_insert((now, 0, 0));
-        if *told < TOLD {
-            *told += 1;
-            said.push(message);
+        let (_, shown, left_out) = telling.get_or_insert((now, 0, 0));
+        if *shown < MOST_MESSAGES {
+            *shown += 1;
+            messages.push(message);
         } else {
             *left_out += 1;
         }
     }
-    said
+    messages
 }
 
 /// What a refusal says.
 fn reason(answer: &Answer) -> String {
-    let told: Option<serde_json::Value> = serde_json::from_slice(&answer.body).ok();
-    let told = told.as_ref().and_then(|told| told["error"].as_str()).map(str::to_owned);
+    let body: Option<serde_json::Value> = serde_json::from_slice(&answer.body).ok();
+    let error = body.as_ref().and_then(|body| body["error"].as_str()).map(str::to_owned);
     let plain = || String::from_utf8_lossy(&answer.body).chars().take(300).collect();
-    let why: String = told.unwrap_or_else(plain);
+    let why: String = error.unwrap_or_else(plain);
     if why.is_empty() { answer.code.to_string() } else { printable(&why) }
 }
 

@@ -119,8 +119,8 @@ mod tests {
             "file:///etc/passwd",
         ] {
             let refused = HostLink::parse(text).expect_err(text);
-            for said in [refused.to_string(), format!("{refused:?}")] {
-                assert!(!said.contains("0123456789abcdef"), "{said}");
+            for message in [refused.to_string(), format!("{refused:?}")] {
+                assert!(!message.contains("0123456789abcdef"), "{message}");
             }
         }
         let shown = format!("{:?}", HostLink::parse(&format!("http://a:1/?token={TOKEN}")).unwrap());

@@ -36,9 +36,9 @@ fn packets(path: &Path) -> u64 {
     session.summary().streams.iter().map(|stream| stream.totals.packets).sum()
 }
 
-fn said(recorder: &Recorder, level: Level, who: &str, what: &str) -> bool {
+fn has_message(recorder: &Recorder, level: Level, who: &str, what: &str) -> bool {
     let messages = recorder.messages();
-    messages.iter().any(|said| said.level == level && said.stream.contains(who) && said.text.contains(what))
+    messages.iter().any(|message| message.level == level && message.stream.contains(who) && message.text.contains(what))
 }
 
 #[test]
@@ -76,7 +76,7 @@ fn all_hosts_record_before_the_one_that_leads_and_stop_with_it() {
         assert_eq!(summary.streams.iter().map(|stream| stream.written).sum::<u64>(), packets(&take.path));
     }
     let command = format!("erfgs merge {} ", path.display());
-    assert!(said(&own, Level::Info, "", &command), "{:?}", own.messages());
+    assert!(has_message(&own, Level::Info, "", &command), "{:?}", own.messages());
 
     // A second take; what ends the recording of the host that leads ends those of the others.
     hosts.start(&own, &folders[0].path().join("take2.mcap"), None).unwrap();
@@ -194,7 +194,7 @@ fn a_host_that_is_lost_costs_its_own_streams_and_is_stopped_when_it_is_back() {
     hosts.start(&own, &folders[0].path().join("take.mcap"), None).unwrap();
     // Its network goes, and it records on.
     drop(right_page);
-    wait_until("the loss is told", || said(&own, Level::Error, &name, "The others go on"));
+    wait_until("the loss is told", || has_message(&own, Level::Error, &name, "The others go on"));
     assert!(hosts.views()[0].lost.is_some() && hosts.views()[1].lost.is_none());
     assert!(own.is_recording() && top.is_recording() && right.is_recording());
     hosts.stop(&own, "enough").unwrap();
@@ -209,7 +209,7 @@ fn a_host_that_is_lost_costs_its_own_streams_and_is_stopped_when_it_is_back() {
     assert!(right.is_recording());
     let _right_page = page(&right, right_monitor, &address);
     wait_until("it is stopped", || !right.is_recording());
-    wait_until("that is told", || said(&own, Level::Info, &name, "after the connection was restored"));
+    wait_until("that is told", || has_message(&own, Level::Info, &name, "after the connection was restored"));
     packets(&takes[0].path);
 }
 
@@ -223,8 +223,8 @@ fn a_recording_that_ends_by_itself_on_another_host_is_told_at_once() {
     right.say(Level::Warning, "wheel", "hot");
     right.stop_recording("the disk is full").unwrap();
     let name = link(&right_page).name();
-    wait_until("the end is told", || said(&own, Level::Error, &name, "the disk is full"));
-    wait_until("its warning is told", || said(&own, Level::Warning, &format!("{name} wheel"), "hot"));
+    wait_until("the end is told", || has_message(&own, Level::Error, &name, "the disk is full"));
+    wait_until("its warning is told", || has_message(&own, Level::Warning, &format!("{name} wheel"), "hot"));
     assert!(own.is_recording());
     // What it does now is no business of the take.
     right.start_recording(&folders[1].path().join("of-somebody-else.mcap")).unwrap();

@@ -24,7 +24,7 @@ use super::{
 const SENSOR_FRAME_NS: i64 = 2_000_000_000;
 
 /// What to say of what nothing dates.
-pub(super) fn told_undated(id: &str, count: u64, what: &str) -> Option<String> {
+pub(super) fn undated_message(id: &str, count: u64, what: &str) -> Option<String> {
     (count > 0)
         .then(|| format!("{count} {what} of stream '{id}' were left out: no clock dates them (`erfgs sync` says why)"))
 }
@@ -237,7 +237,7 @@ impl Feed {
         let what = if matches!(self.kind, Kind::Camera { .. }) { "frames" } else { "events or frames" };
         let (undated, damaged) = (std::mem::take(&mut self.undated), std::mem::take(&mut self.damaged));
         let broken = format!("{damaged} frames of stream '{}' were left out: they are cut or damaged", self.id);
-        told_undated(&self.id, undated, what).into_iter().chain((damaged > 0).then_some(broken)).collect()
+        undated_message(&self.id, undated, what).into_iter().chain((damaged > 0).then_some(broken)).collect()
     }
 }
 

@@ -211,8 +211,8 @@ impl TimedRecording {
     ///
     /// # Errors
     /// If the recording cannot be read, or leaves that open.
-    pub fn bits(&mut self, stream: usize, said: Option<u8>) -> Result<u8, ReadError> {
-        Ok(sample_bits(&mut self.recording, stream, said)?)
+    pub fn bits(&mut self, stream: usize, known: Option<u8>) -> Result<u8, ReadError> {
+        Ok(sample_bits(&mut self.recording, stream, known)?)
     }
 
     /// The events of a stream within `span_ns` of session time, its end excluded.
@@ -239,7 +239,7 @@ impl TimedRecording {
         let undated = taking.undated;
         let decoded = decoded.ok_or_else(|| self.lacks(id, "events", "erfgs does not decode them"))?;
         found.damage = decoded.damage;
-        found.damage.extend(feed::told_undated(id, undated, "events"));
+        found.damage.extend(feed::undated_message(id, undated, "events"));
         found.rows.sort();
         Ok(found)
     }

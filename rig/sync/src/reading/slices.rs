@@ -59,9 +59,9 @@ impl Slices {
     /// What was passed over since this was asked last, a message each.
     pub fn take_damage(&mut self) -> Vec<String> {
         let late = std::mem::take(&mut self.late);
-        let told =
+        let message =
             format!("{late} events or frames came too late for the slice that they belong to, and were left out");
-        self.follow.take_damage().into_iter().chain((late > 0).then_some(told)).collect()
+        self.follow.take_damage().into_iter().chain((late > 0).then_some(message)).collect()
     }
 
     fn cut(&mut self, span_ns: [i64; 2]) -> Slice {

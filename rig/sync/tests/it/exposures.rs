@@ -30,8 +30,8 @@ fn packets(widths_ms: [i64; 2]) -> Vec<(usize, Packet)> {
     let mut packets: Vec<(usize, i64, Option<i64>, Vec<u8>)> = Vec::new();
     for index in 0..PULSES {
         let (rise, width) = (rise_ns(index), width_ns(index, widths_ms));
-        let told = line(&format!("p {index:x} {:x} {:x}", ticks(rise), ticks(width)));
-        packets.push((0, rise + told.len() as i64 * 20_000 + 60_000, None, told));
+        let bytes = line(&format!("p {index:x} {:x} {:x}", ticks(rise), ticks(width)));
+        packets.push((0, rise + bytes.len() as i64 * 20_000 + 60_000, None, bytes));
         // The transfer begins after the exposure, by up to half a millisecond late.
         let stamp = rise + width + 300_000 + index * 7919 % 200_000;
         packets.push((1, stamp + 4 * MS, Some(stamp), vec![90; 256]));
@@ -40,8 +40,8 @@ fn packets(widths_ms: [i64; 2]) -> Vec<(usize, Packet)> {
         let sent = second * 1000 * MS + 310 * MS;
         let token = (START_NS + sent).cast_unsigned();
         let received = sent + Command::Clock(token).encode().len() as i64 * 20_000 + 60_000;
-        let told = line(&format!("+clock {token:x} {:x}", ticks(received)));
-        packets.push((0, received + told.len() as i64 * 20_000 + 60_000, None, told));
+        let bytes = line(&format!("+clock {token:x} {:x}", ticks(received)));
+        packets.push((0, received + bytes.len() as i64 * 20_000 + 60_000, None, bytes));
     }
     packets.sort();
     let mut counts = [0_u64; 2];
@@ -182,7 +182,7 @@ fn a_file_of_another_session_is_not_used() {
         let (found, notes) = of(&path);
         assert_eq!(found.streams[1].exposures, sync.streams[1].exposures);
         let [note] = &notes[..] else { panic!("{notes:?}") };
-        let told = note.to_string();
-        assert!(told.contains("s.sync.json is not used") && told.contains(hint), "{told}");
+        let message = note.to_string();
+        assert!(message.contains("s.sync.json is not used") && message.contains(hint), "{message}");
     }
 }

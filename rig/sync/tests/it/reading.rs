@@ -83,7 +83,10 @@ fn slices(recording: &mut TimedRecording, length_ns: i64, span_ns: [i64; 2]) -> 
         }
     }
     assert_eq!(at_ns, span_ns[1]);
-    assert!(slices.take_damage().iter().all(|told| told.contains("1 frames of stream 'rgb'")), "nothing came too late");
+    assert!(
+        slices.take_damage().iter().all(|message| message.contains("1 frames of stream 'rgb'")),
+        "nothing came too late"
+    );
     (events, frames)
 }
 
@@ -131,8 +134,11 @@ fn frames_come_with_their_exposures_and_those_that_are_cut_are_told() {
     let mut recording = open(&path);
     let mut reader = recording.frames("rgb", ALWAYS_NS, FrameLook::default()).unwrap();
     let all: Vec<TimedFrame> = reader.by_ref().map(Result::unwrap).collect();
-    let told = reader.take_damage();
-    assert!(matches!(&told[..], [one] if one.contains("1 frames of stream 'rgb'") && one.contains("cut")), "{told:?}");
+    let damage = reader.take_damage();
+    assert!(
+        matches!(&damage[..], [one] if one.contains("1 frames of stream 'rgb'") && one.contains("cut")),
+        "{damage:?}"
+    );
     assert_eq!(all.len(), 199);
     for frame in &all {
         let truth = 500 * MS + frame.sequence as i64 * PERIOD_NS + 2 * MS;
@@ -191,15 +197,15 @@ fn what_a_stream_does_not_hold_is_refused_with_the_stream() {
         span_ns: [0, MS],
         look: FrameLook::default(),
     };
-    let mut said = vec![
+    let mut messages = vec![
         recording.events("rgb", ALWAYS_NS, EventClock::Session).unwrap_err().to_string(),
         recording.frames("eye", ALWAYS_NS, FrameLook::default()).err().unwrap().to_string(),
         recording.slices(&of("board")).err().unwrap().to_string(),
         recording.slices(&of("nobody")).err().unwrap().to_string(),
     ];
-    said.push(recording.slices(&SliceOptions { length_ns: 0, ..of("eye") }).err().unwrap().to_string());
+    messages.push(recording.slices(&SliceOptions { length_ns: 0, ..of("eye") }).err().unwrap().to_string());
     let wanted = ["'rgb' of", "'eye' of", "'board' of", "eye, rgb, board", "above 0"];
-    for (said, wanted) in said.iter().zip(wanted) {
-        assert!(said.contains(wanted), "{said}");
+    for (message, wanted) in messages.iter().zip(wanted) {
+        assert!(message.contains(wanted), "{message}");
     }
 }

@@ -20,7 +20,7 @@ use crate::record::support::{Disk, Opener, Puppet, one, options, packet, wait_un
 
 const PATH: &str = "session.mcap";
 
-fn said(recorder: &Recorder, level: Level, text: &str) -> bool {
+fn has_message(recorder: &Recorder, level: Level, text: &str) -> bool {
     recorder.messages().iter().any(|message| message.level == level && message.text.contains(text))
 }
 
@@ -34,7 +34,7 @@ fn a_slow_disk_costs_counted_packets_and_bounded_memory() {
     let taken = (0..2000).filter(|&sequence| handle.send(packet(sequence, 10_000))).count();
     assert!((90..=110).contains(&taken), "{taken} packets of 10 kB found room in 1 MiB");
     wait_until("drops shown", || recorder.status().streams[0].drops.queue == 2000 - taken as u64);
-    wait_until("a word to the user", || said(&recorder, Level::Error, "disk is slower"));
+    wait_until("a word to the user", || has_message(&recorder, Level::Error, "disk is slower"));
     drop(tokens);
     wait_until("the queue emptied", || recorder.status().streams[0].waiting_bytes == 0);
     assert!(handle.send(packet(2000, 10)), "the stream goes on after the drops");
@@ -65,7 +65,7 @@ fn a_full_disk_ends_the_recording_and_keeps_what_was_written() {
     assert_eq!(disk.sequences(0), (0..10).collect::<Vec<u64>>());
     assert_eq!((summary.streams[0].written, summary.streams[0].drops.writer), (10, 20));
     assert!(!disk.shelf.lock().unwrap().finished, "a file that failed is not written to again");
-    assert!(said(&recorder, Level::Error, "is full"));
+    assert!(has_message(&recorder, Level::Error, "is full"));
     // The cameras go on for whoever watches, and another disk can be recorded to.
     wait_until("the stream still runs", || recorder.status().streams[0].state == StreamState::Running);
     disk.room.store(0, SeqCst);
@@ -170,7 +170,7 @@ fn a_device_that_is_lost_and_comes_back_is_shown_and_put_on_record() {
     let lost = Incident::Lost { reason: "unplugged".into() };
     handle.report(lost.clone());
     wait_until("lost", || state() == StreamState::Lost);
-    assert!(said(&recorder, Level::Error, "unplugged"));
+    assert!(has_message(&recorder, Level::Error, "unplugged"));
     handle.report(Incident::Back);
     handle.send(packet(1, 10));
     wait_until("running again", || state() == StreamState::Running);
@@ -191,12 +191,12 @@ fn a_silent_device_counts_as_stalled_until_it_speaks() {
     recorder.start_recording(Path::new(PATH)).unwrap();
     let state = || recorder.status().streams[0].state;
     wait_until("stalled", || state() == StreamState::Stalled);
-    assert!(said(&recorder, Level::Warning, "no data"));
+    assert!(has_message(&recorder, Level::Warning, "no data"));
     wait_until("running", || {
         handle.send(packet(0, 10));
         state() == StreamState::Running
     });
-    assert!(said(&recorder, Level::Info, "data come again"));
+    assert!(has_message(&recorder, Level::Info, "data come again"));
     recorder.stop_recording("done").unwrap();
     let shelf = disk.shelf.lock().unwrap();
     assert!(shelf.incidents.iter().any(|(stream, incident)| *stream == Some(0)

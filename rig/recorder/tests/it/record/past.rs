@@ -83,7 +83,7 @@ fn a_rise_of_the_event_rate_keeps_what_led_to_it() {
     let (puppet, handle) = Puppet::new("one", 0);
     let input = puppet.input(1 << 20);
     let recorder: Arc<OnceLock<Weak<Recorder>>> = Arc::default();
-    let told = Box::new({
+    let on_alarm = Box::new({
         let recorder = Arc::clone(&recorder);
         move |_: &str, _: &str| {
             if let Some(recorder) = recorder.get().and_then(Weak::upgrade) {
@@ -91,7 +91,7 @@ fn a_rise_of_the_event_rate_keeps_what_led_to_it() {
             }
         }
     });
-    let alarm = Alarm::new([input.source.description()], vec![AlarmKind::Rate(4.0)], None, told).unwrap();
+    let alarm = Alarm::new([input.source.description()], vec![AlarmKind::Rate(4.0)], None, on_alarm).unwrap();
     let options = Options { subscriber: Some(Arc::new(alarm)), ..held_options(folder.path(), 600, Some(150)) };
     let running = Arc::new(Recorder::new(vec![input], options).unwrap());
     recorder.set(Arc::downgrade(&running)).unwrap();

@@ -165,22 +165,25 @@ fn a_file_that_cannot_be_made_costs_nothing_and_is_tried_again() {
     fs::write(part_path(&first, 1), b"precious").unwrap();
     send(1, 1.5);
     send(2, 3.0);
-    let said = |level, text: &str| {
+    let has_message = |level, text: &str| {
         recorder.messages().iter().any(|message| message.level == level && message.text.contains(text))
     };
-    wait_until("a warning", || said(Level::Warning, "take.001.mcap' exists already"));
+    wait_until("a warning", || has_message(Level::Warning, "take.001.mcap' exists already"));
     wait_written(3);
     assert_eq!(fs::read(part_path(&first, 1)).unwrap(), b"precious");
     fs::remove_file(part_path(&first, 1)).unwrap();
     send(3, 12.0);
-    wait_until("the next file", || said(Level::Info, "goes on in"));
+    wait_until("the next file", || has_message(Level::Info, "goes on in"));
     let summary = recorder.stop_recording("done").unwrap();
     assert_eq!((summary.files, summary.failure), (2, None));
     let mut session = Session::open(&first).unwrap();
     let packets = session.messages(None).filter(|entry| matches!(entry, Ok(Entry::Packet { .. }))).count();
     assert!(packets == 4 && session.summary().complete && session.summary().files.len() == 2);
-    let told = &session.summary().totals.incidents[0].incident;
-    assert!(matches!(told, Incident::Warning { message } if message.contains("takes more than it should")), "{told:?}");
+    let incident = &session.summary().totals.incidents[0].incident;
+    assert!(
+        matches!(incident, Incident::Warning { message } if message.contains("takes more than it should")),
+        "{incident:?}"
+    );
 }
 
 #[test]

@@ -74,11 +74,11 @@ fn an_epoch_without_edges_is_dated_by_arrival_and_says_so() {
     assert_eq!(found.tier, Tier::FreeRunning, "the worst of its epochs");
     let tiers: Vec<Tier> = found.rows().iter().map(|row| row.tier).collect();
     assert_eq!(tiers, [Tier::HardwareTriggered, Tier::FreeRunning]);
-    let told = found
+    let is_reported = found
         .faults
         .iter()
         .any(|fault| fault.starts_with("from 10.") && fault.contains("no edges: dated by the arrival"));
-    assert!(told, "{:?}", found.faults);
+    assert!(is_reported, "{:?}", found.faults);
 }
 
 #[test]

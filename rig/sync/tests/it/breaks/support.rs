@@ -90,16 +90,16 @@ fn packet(sequence: u64, session_ns: i64, discontinuity: bool, payload: Vec<u8>)
     Packet { sequence, host_ns, discontinuity, damaged: false, stamp: None, payload: payload.into() }
 }
 
-/// A packet a millisecond with two events, and the true times of the events. `told`: the host knows of the breaks;
+/// A packet a millisecond with two events, and the true times of the events. `known`: the host knows of the breaks;
 /// otherwise they are in the words alone, which a DAVIS says.
-pub fn camera(encoding: Encoding, parts: &[Part], told: bool) -> (Vec<Packet>, Vec<i64>) {
+pub fn camera(encoding: Encoding, parts: &[Part], known: bool) -> (Vec<Packet>, Vec<i64>) {
     let (mut packets, mut truth) = (Vec::new(), Vec::new());
     let mut words = Words::new(encoding);
     for (number, part) in parts.iter().enumerate() {
         let again = number > 0 && part.zero_ns != parts[number - 1].zero_ns;
         let mut payload = Vec::new();
         match &mut words {
-            Words::Davis(davis) if again && !told => {
+            Words::Davis(davis) if again && !known => {
                 let last = parts[number - 1];
                 davis.mark(last.t_us(part.from_ns), Mark::TimestampReset, &mut payload).unwrap();
             }
@@ -127,7 +127,7 @@ pub fn camera(encoding: Encoding, parts: &[Part], told: bool) -> (Vec<Packet>, V
             let late = 100_000.0 - 150_000.0 * uniform(ms as u64, 0).ln();
             let first = ms == part.from_ns / MS && number > 0;
             let arrived = (ms + 1) * MS + late as i64;
-            packets.push(packet(packets.len() as u64, arrived, first && told, std::mem::take(&mut payload)));
+            packets.push(packet(packets.len() as u64, arrived, first && known, std::mem::take(&mut payload)));
         }
     }
     (packets, truth)
@@ -199,10 +199,10 @@ impl Sink for Dates<'_> {
 }
 
 /// Records, synchronises, goes through the file, and gives what was found and the farthest that any event is off.
-pub fn fitted(encoding: Encoding, parts: &[Part], told: bool, with_board: bool) -> (StreamSync, i64) {
+pub fn fitted(encoding: Encoding, parts: &[Part], known: bool, with_board: bool) -> (StreamSync, i64) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mcap");
-    let (packets, truth) = camera(encoding, parts, told);
+    let (packets, truth) = camera(encoding, parts, known);
     let lines = with_board.then(|| board(parts.last().unwrap().to_ns / (1000 * MS)));
     write(&path, encoding, &packets, lines.as_deref());
     let mut session = Session::open(&path).unwrap();
