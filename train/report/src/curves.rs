@@ -69,14 +69,14 @@ fn crossings(scene: &Scene) -> String {
     for baseline in of("4dgs") {
         for events in of("erf-gs") {
             for (name, pick) in [("PSNR", (|row| row.psnr) as Pick), ("DPSNR", |row| row.dpsnr)] {
-                let said = match ahead_from(&curve(events, pick), &curve(baseline, pick)) {
+                let when = match ahead_from(&curve(events, pick), &curve(baseline, pick)) {
                     None => continue,
                     Some(Ahead::Always) => "from the first evaluation on".to_owned(),
                     Some(Ahead::From(seconds)) => format!("for good after {} of CPU time", html::duration(seconds)),
                     Some(Ahead::Not) => "at no time that lasts".to_owned(),
                 };
                 sentences += &format!(
-                    "<p>In {name}, {} is ahead of {} {said}.</p>\n",
+                    "<p>In {name}, {} is ahead of {} {when}.</p>\n",
                     html::Escaped(&events.label),
                     html::Escaped(&baseline.label)
                 );

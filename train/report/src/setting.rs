@@ -130,14 +130,14 @@ fn table(dataset: &Manifest) -> String {
 
 /// What the calibration of a camera tells of its own errors, three cells of a row.
 fn deviations(camera: &Camera) -> String {
-    let told = |of: Option<f64>, digits| of.map_or("–".into(), |of| number(of, digits));
+    let cell = |of: Option<f64>, digits| of.map_or("–".into(), |of| number(of, digits));
     let place = camera.pose_sigma.as_ref().map(|sigma| 1e3 * DVec3::from(sigma.centre_m).length());
     let turn = camera.pose_sigma.as_ref().map(|sigma| DVec3::from(sigma.rotation_deg).length());
     let clock = camera.clock_sigma_s.map(|sigma| 1e6 * sigma);
     format!(
         "<td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td>",
-        told(place, 2),
-        told(turn, 3),
-        told(clock, 1)
+        cell(place, 2),
+        cell(turn, 3),
+        cell(clock, 1)
     )
 }

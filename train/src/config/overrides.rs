@@ -143,12 +143,12 @@ impl Config {
         };
         let by_hand = self.paths_by_hand();
         if self.free_time.guide == Guide::Auto {
-            let told = moved.is_some_and(|moves| {
+            let frames_suffice = moved.is_some_and(|moves| {
                 let little = moves.displacement * (1.0 - exposed(dataset)) < LITTLE;
                 let straight = if self.earl.enabled { STRAIGHT_BESIDE_EVENTS } else { STRAIGHT };
                 little || moves.displacement <= FAR && moves.bend.is_some_and(|bend| bend < straight)
             });
-            self.free_time.guide = if told && !by_hand { Guide::Frames } else { Guide::Events };
+            self.free_time.guide = if frames_suffice && !by_hand { Guide::Frames } else { Guide::Events };
         }
         if self.free_time.guide == Guide::Frames && !by_hand {
             self.free_time.follow_frames();

@@ -334,19 +334,19 @@ mod tests {
         let mut ways = [0; 2];
         for (from, to) in (0..=BINS).flat_map(|from| (from..=BINS).map(move |to| (from, to))).step_by(5) {
             let between = view.between(from, to).expect("memory");
-            let said = format!("{from} to {to}");
+            let span = format!("{from} to {to}");
             for events in [&by_host, &resident, &in_pieces] {
-                assert_eq!(counted(gpu, events, view, [from, to], None), between, "{said}");
+                assert_eq!(counted(gpu, events, view, [from, to], None), between, "{span}");
                 let within = counted(gpu, events, view, [from, to], Some(&region));
                 let left_out = |(pixel, count): (usize, &f32)| if is_in(pixel) { *count } else { LEFT_OUT };
-                assert!(within.into_iter().eq(between.iter().enumerate().map(left_out)), "{said}");
+                assert!(within.into_iter().eq(between.iter().enumerate().map(left_out)), "{span}");
             }
             let one = |pixel: usize| own.get(pixel).copied().unwrap_or(step).map(f64::from);
             let drift = f64::from(view.drift_between(from, to));
             let drift = |pixel: usize| if own.get(pixel).is_none_or(|own| *own == step) { drift } else { 0.0 };
             let twin = twin::signed(&bins[from..to], PIXELS, one, drift);
             for (got, want) in between.iter().zip(twin) {
-                assert!((f64::from(*got) - want).abs() <= 1e-5 * want.abs().max(10.0), "{said}: {got}, {want}");
+                assert!((f64::from(*got) - want).abs() <= 1e-5 * want.abs().max(10.0), "{span}: {got}, {want}");
             }
             let way = view.way(from, to);
             ways[usize::from(way.images.iter().any(Option::is_some))] += 1;

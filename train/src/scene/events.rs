@@ -435,8 +435,8 @@ mod tests {
             let view = seen(&camera, &events, earl).expect("an event camera");
             (view.measured_ratio, view.between(0, 1).expect("memory")[6])
         };
-        let (told, left) = change(&earl(false));
-        assert!((told.expect("another ratio") - 4.0 / 6.0).abs() < 1e-6 && left.abs() < 1e-5, "{told:?} {left}");
+        let (ratio, left) = change(&earl(false));
+        assert!((ratio.expect("another ratio") - 4.0 / 6.0).abs() < 1e-6 && left.abs() < 1e-5, "{ratio:?} {left}");
         assert_eq!(change(&EarlConfig { balance: false, ..earl(false) }), (None, 2.0));
     }
 

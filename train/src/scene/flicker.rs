@@ -266,11 +266,11 @@ impl Evidence {
         let steady: u64 = self.steady[beside.clone()].iter().sum();
         let share = steady as f64 / self.pixels.max(1) as f64;
         let nominal_hz = hz_of(most);
-        let told = beside.flat_map(|other| {
+        let shifted = beside.flat_map(|other| {
             let more = nominal_hz - hz_of(other);
             self.windows[other].iter().map(move |window| window.beside(nominal_hz, more))
         });
-        let mut windows: Vec<Window> = told.collect();
+        let mut windows: Vec<Window> = shifted.collect();
         merge(&mut windows);
         windows.retain(|window| window.count >= FEWEST_PEAKS);
         let (at_once, all) = windows.iter().fold((0.0, 0.0), |(at_once, all), Window { sum: [x, y], count, .. }| {
@@ -289,12 +289,12 @@ impl Evidence {
         let mut last: Option<(i64, f64)> = None;
         for window in &windows {
             let found = window.turns();
-            let told = last.map_or(found, |(index, turns)| {
+            let turns = last.map_or(found, |(index, turns)| {
                 let expected = turns + step * (window.index - index) as f64;
                 expected + near(found - expected)
             });
-            last = Some((window.index, told));
-            behind.push((window.time / window.count, told));
+            last = Some((window.index, turns));
+            behind.push((window.time / window.count, turns));
         }
         let slope = step * nominal_hz * 1e-6 / WINDOW;
         let (first, last) = (behind[0], behind[behind.len() - 1]);

@@ -46,16 +46,16 @@ pub(crate) fn stands_still(dataset: &Dataset, options: &DynamicConfig) -> Result
         })?;
         Ok(bursts.tell_of_motion(&flicker.flickering()))
     };
-    let told = cameras.into_par_iter().map(moves).find_any(|moves| !matches!(moves, Ok(false)));
-    told.map_or(Ok(true), |told| told.map(|moves| !moves))
+    let decisive = cameras.into_par_iter().map(moves).find_any(|moves| !matches!(moves, Ok(false)));
+    decisive.map_or(Ok(true), |decisive| decisive.map(|moves| !moves))
 }
 
 /// Whether nothing can tell: each camera was there at one instant only, and not all at the same one, as the images of a camera that moves.
 fn is_untold(cameras: &[&Camera]) -> bool {
-    let told = |camera: &&Camera| camera.frames.len() > 1 || camera.events.is_some();
+    let can_tell = |camera: &&Camera| camera.frames.len() > 1 || camera.events.is_some();
     let mut times = cameras.iter().flat_map(|camera| &camera.frames).map(|frame| frame.t_ns);
     let first = times.next();
-    !cameras.iter().any(told) && times.any(|time| Some(time) != first)
+    !cameras.iter().any(can_tell) && times.any(|time| Some(time) != first)
 }
 
 /// Whether pixels beside each other differ by more than `threshold` (of 1) among the frames.

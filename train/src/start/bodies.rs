@@ -132,9 +132,9 @@ pub fn from_bodies(
 
 /// When a body was seen best, in [0, 1]: as whoever found it says, or in the middle of the time in which it is in view.
 pub(super) fn seen_best(body: &Body, recording: Recording) -> f64 {
-    let told = body.found_by.get("best_seen_ns").and_then(serde_json::Value::as_i64);
+    let best_ns = body.found_by.get("best_seen_ns").and_then(serde_json::Value::as_i64);
     let middle = i64::midpoint(body.span_ns[0], body.span_ns[1]);
-    recording.t01(told.unwrap_or(middle))
+    recording.t01(best_ns.unwrap_or(middle))
 }
 
 /// The share of silhouettes that agree on the shape of a body, as whoever carved it says.

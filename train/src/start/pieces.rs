@@ -153,8 +153,8 @@ fn seen_beside(
     let own = places(body)?;
     let middle = own.iter().map(exact).sum::<DVec3>() / own.len().max(1) as f64;
     let widest = own.iter().map(|place| exact(place).distance(middle)).fold(0.0, f64::max);
-    let told = body.found_by.get("radius_m").and_then(serde_json::Value::as_f64).unwrap_or(0.0);
-    let reach = REACH * widest.max(told);
+    let radius_m = body.found_by.get("radius_m").and_then(serde_json::Value::as_f64).unwrap_or(0.0);
+    let reach = REACH * widest.max(radius_m);
     let [own, others] = [own, others].map(|places| Neighbours::new(&places));
     let nearest =
         |all: &Neighbours, place: &[f32; 3]| all.nearest(place, 1).first().map_or(f32::INFINITY, |near| near.1);

@@ -63,7 +63,7 @@ pub(super) struct Errors {
     squares: f64,
     values: f64,
     /// Sums of squares of what events say, of what is rendered, and of products of both.
-    said: f64,
+    measured: f64,
     shown: f64,
     both: f64,
 }
@@ -76,7 +76,7 @@ impl Errors {
         Self {
             squares: frames.unwrap_or_default().powi(2),
             values: count(frames),
-            said: count(events),
+            measured: count(events),
             shown: count(events),
             both: events.map_or(0.0, |left| (1.0 - left * left).sqrt()),
         }
@@ -91,7 +91,7 @@ impl Errors {
     /// trained for a while only has its edges where they belong long before it has all of their contrast.
     pub fn events(&self) -> Option<f64> {
         let explained = if self.shown > 0.0 { self.both.max(0.0).powi(2) / self.shown } else { 0.0 };
-        (self.said > 0.0).then(|| (1.0 - explained / self.said).max(0.0).sqrt())
+        (self.measured > 0.0).then(|| (1.0 - explained / self.measured).max(0.0).sqrt())
     }
 }
 
@@ -195,10 +195,10 @@ impl HeldOutViews {
                     };
                     let most = MOST_THRESHOLDS;
                     let change = ((light(after) - light(before)) / events.sensor.threshold).clamp(-most, most);
-                    let [said, shown] = [window.counts[pixel].clamp(-most, most), change].map(f64::from);
-                    errors.said += said * said;
+                    let [measured, shown] = [window.counts[pixel].clamp(-most, most), change].map(f64::from);
+                    errors.measured += measured * measured;
                     errors.shown += shown * shown;
-                    errors.both += said * shown;
+                    errors.both += measured * shown;
                 }
             }
         }

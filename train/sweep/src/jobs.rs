@@ -52,13 +52,13 @@ impl Plan {
                 // The jobs of this choice and seed, as the datasets are.
                 let first = jobs.len();
                 for Prepared { name, folder, window, after } in &datasets {
-                    let told = choice.settings.iter().map(|(key, value)| {
+                    let settings = choice.settings.iter().map(|(key, value)| {
                         let key = key.rsplit('.').next().unwrap_or(key);
                         // A method is known by its name, a number by what it is the number of.
                         if is_a_name(value) { value.clone() } else { format!("{key}{value}") }
                     });
                     let parts: Vec<String> =
-                        [name.clone()].into_iter().chain(told).chain([format!("s{seed}")]).collect();
+                        [name.clone()].into_iter().chain(settings).chain([format!("s{seed}")]).collect();
                     let name = unused(&plain(&parts.join("-")), &mut names);
                     let mut arguments = choice.arguments.clone();
                     arguments.extend(["--seed".into(), seed.to_string()]);
@@ -126,11 +126,11 @@ impl Plan {
         for take in &self.takes {
             let stem =
                 take.session.file_stem().map_or_else(|| "take".into(), |stem| stem.to_string_lossy().into_owned());
-            let (first, told) = (found.len(), unused(&plain(&stem), &mut takes));
+            let (first, take_name) = (found.len(), unused(&plain(&stem), &mut takes));
             for (at, (from, seconds)) in take.windows().into_iter().enumerate() {
                 let name = unused(&plain(&format!("{stem}-w{at:03}")), &mut names);
                 let folder = self.out.join("datasets").join(&name);
-                let window = Window { take: told.clone(), from, seconds };
+                let window = Window { take: take_name.clone(), from, seconds };
                 let after = Some(first).filter(|_| take.one_static_set && at > 0);
                 found.push(Prepared { name, folder, window: Some((preparation(take, &window), window)), after });
             }

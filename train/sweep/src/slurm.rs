@@ -52,7 +52,7 @@ pub fn answers() -> Result<bool, String> {
     ping.arg("ping");
     match answer(ping, PING_PATIENCE, MOST_BYTES) {
         Err(error) if error.kind() != io::ErrorKind::TimedOut => Ok(false),
-        Ok(said) if said.status.success() && said.out.contains("UP") => Ok(true),
+        Ok(output) if output.status.success() && output.out.contains("UP") => Ok(true),
         _ => Err("Slurm is installed here, but no controller of it answers (`scontrol ping`)".into()),
     }
 }
@@ -247,16 +247,16 @@ fn ask_within(command: &str, words: &[String], patience: Duration) -> Result<Str
     let failed = |message: String| SweepError::Slurm { command: format!("{command} {}", words.join(" ")), message };
     let mut asked = Command::new(command);
     asked.args(words);
-    let said = answer(asked, patience, MOST_BYTES).map_err(|error| match error.kind() {
+    let output = answer(asked, patience, MOST_BYTES).map_err(|error| match error.kind() {
         io::ErrorKind::TimedOut if command == "sbatch" => failed(format!(
             "{error}; whether it submitted anything `squeue --me` says: cancel that before you try again"
         )),
         _ => failed(error.to_string()),
     })?;
-    if !said.status.success() {
-        return Err(failed(said.errors.trim().to_owned()));
+    if !output.status.success() {
+        return Err(failed(output.errors.trim().to_owned()));
     }
-    Ok(said.out)
+    Ok(output.out)
 }
 
 #[cfg(test)]
@@ -278,7 +278,7 @@ mod tests {
         };
         assert_eq!(asked("echo", &["12"], 60_000), Ok("12\n".into()));
         // A queue of thousands of tasks is more than a pipe holds.
-        assert!(asked("seq", &["100000"], 60_000).is_ok_and(|said| said.ends_with("100000\n")));
+        assert!(asked("seq", &["100000"], 60_000).is_ok_and(|queue| queue.ends_with("100000\n")));
         for (program, words, what) in [("sleep", "1000", "did not end within"), ("cat", "no/such/file", "no/such/file")]
         {
             let error = asked(program, &[words], 50).unwrap_err();
@@ -311,11 +311,11 @@ mod tests {
             assert!(scripts[1].lines().any(|own| own == line), "{line}\n{}", scripts[1]);
         }
         // A shell reads it, and takes the names for one word each.
-        let said = format!(
+        let script = format!(
             "{}\necho \"${{#jobs[@]}}\"",
             scripts[1].split("srun").next().unwrap().replace("module", "# module")
         );
-        let output = Command::new("bash").args(["-c", &said]).output().unwrap();
+        let output = Command::new("bash").args(["-c", &script]).output().unwrap();
         assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), "200");
         let quoted = scripts[1]
             .lines()
@@ -367,7 +367,7 @@ mod tests {
         let answer =
             "7 0 RUNNING\n7 1 PENDING\n7 2 FAILED\n8 0 RUNNING\n9 0 REQUEUED\n9 1 RUNNING\nN/A\n7 N/A PENDING\n";
         let queue = read_queue(&submissions, answer);
-        let told: Vec<_> = queue.iter().map(|(job, state)| format!("{job} {}", state.name())).collect();
-        assert_eq!(told, ["a running", "b queued", "d queued"]);
+        let states: Vec<_> = queue.iter().map(|(job, state)| format!("{job} {}", state.name())).collect();
+        assert_eq!(states, ["a running", "b queued", "d queued"]);
     }
 }

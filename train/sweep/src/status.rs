@@ -136,8 +136,9 @@ impl Overview {
     /// `5 done, 2 running, 1 failed`.
     #[must_use]
     pub fn words(&self) -> String {
-        let told = JobState::ALL.into_iter().map(|state| (self.count(state), state.name()));
-        told.filter(|(count, _)| *count > 0)
+        let counts = JobState::ALL.into_iter().map(|state| (self.count(state), state.name()));
+        counts
+            .filter(|(count, _)| *count > 0)
             .map(|(count, name)| format!("{count} {name}"))
             .collect::<Vec<_>>()
             .join(", ")

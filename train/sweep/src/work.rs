@@ -271,8 +271,8 @@ impl Hand<'_> {
             None if self.is_to_stop() => Ended::Stopped,
             _ => {
                 let step = words.first().map(String::as_str).unwrap_or_default();
-                let said = self.last_line();
-                Ended::Failed { message: format!("`erfgs {step}` ended with {status}: {said}") }
+                let line = self.last_line();
+                Ended::Failed { message: format!("`erfgs {step}` ended with {status}: {line}") }
             }
         })
     }
@@ -354,12 +354,12 @@ mod tests {
         std::fs::write(folder.path().join("sweep.json"), text).unwrap();
         let manifest = Manifest::load(folder.path()).unwrap();
         let runs = folder.path().join("runs").display().to_string();
-        let told = |job: usize| -> Vec<String> {
+        let lines = |job: usize| -> Vec<String> {
             let commands = commands(&manifest, &manifest.jobs[job]).unwrap();
             commands.iter().map(|words| shell::line(words).replace(&runs, "RUNS")).collect()
         };
         assert_eq!(
-            told(0),
+            lines(0),
             [
                 "dataset import session 'take one.mcap' --out /ds/a.imported",
                 "dataset undistort /ds/a.imported --out /ds/a.pinhole",
@@ -368,6 +368,6 @@ mod tests {
                 "eval RUNS/a --adapter=llvmpipe",
             ]
         );
-        assert_eq!(told(1), ["train /ds/b --out RUNS/b --resume --static RUNS/a", "eval RUNS/b"]);
+        assert_eq!(lines(1), ["train /ds/b --out RUNS/b --resume --static RUNS/a", "eval RUNS/b"]);
     }
 }

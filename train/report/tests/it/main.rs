@@ -127,8 +127,8 @@ fn what_a_calibration_tells_of_its_errors_is_shown() {
     runs[0].write_dataset(&manifest).unwrap();
     let page = page(&runs, folder.path());
     let row = page.split("<tr>").find(|row| row.starts_with("<th>cam02</th><td>RGB</td>")).unwrap();
-    let told = [">0.50<", ">0.013<", ">12.3<"];
-    assert!(page.contains("± mm") && told.iter().all(|told| row.contains(told)), "{row}");
+    let cells = [">0.50<", ">0.013<", ">12.3<"];
+    assert!(page.contains("± mm") && cells.iter().all(|cell| row.contains(cell)), "{row}");
 }
 
 #[test]

@@ -219,8 +219,8 @@ mod tests {
     fn uncertainty_along_the_world_is_uncertainty_along_a_camera_s_axes() {
         let sigma = PoseSigma { centre_m: [1e-3, 2e-3, 5e-3], rotation_deg: [0.1, 0.2, 0.3] };
         let pose = learners(3)[1].pose;
-        let told = learner_sigma(&sigma, &pose);
-        assert_eq!(told[..3], [0.1_f64, 0.2, 0.3].map(f64::to_radians));
+        let deviations = learner_sigma(&sigma, &pose);
+        assert_eq!(deviations[..3], [0.1_f64, 0.2, 0.3].map(f64::to_radians));
         // Of centres that are drawn with these deviations, uniformly within root three of them.
         let draws = 4000;
         let mut squares = DVec3::ZERO;
@@ -232,7 +232,11 @@ mod tests {
         }
         for (axis, square) in squares.to_array().into_iter().enumerate() {
             let drawn = square.sqrt();
-            assert!((told[3 + axis] / drawn - 1.0).abs() < 0.05, "axis {axis}: {} and {drawn}", told[3 + axis]);
+            assert!(
+                (deviations[3 + axis] / drawn - 1.0).abs() < 0.05,
+                "axis {axis}: {} and {drawn}",
+                deviations[3 + axis]
+            );
         }
     }
 
