@@ -277,8 +277,8 @@ mod tests {
         let refused = |change: &dyn Fn(&mut Body), why: &str| {
             let mut odd = body("fan");
             change(&mut odd);
-            let told = Bodies::new(vec![body("ball"), odd]).check().unwrap_err();
-            assert!(told.contains(why), "{told}");
+            let message = Bodies::new(vec![body("ball"), odd]).check().unwrap_err();
+            assert!(message.contains(why), "{message}");
         };
         refused(&|body| body.name = "ball".into(), "two bodies are called 'ball'");
         refused(&|body| body.span_ns = [5, 4], "body 'fan': `span_ns`");

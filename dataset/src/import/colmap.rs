@@ -80,8 +80,8 @@ pub fn import(
     common::every_eighth(&mut views);
     common::override_split(&mut views, options)?;
     let mut notes = left_out(&model, &images, &views)?;
-    let (fps, told) = stamps::place(&mut views, options.fps, FPS)?;
-    notes.extend(common::order_notes(views.iter().filter_map(SourceView::files), &told));
+    let (fps, description) = stamps::place(&mut views, options.fps, FPS)?;
+    notes.extend(common::order_notes(views.iter().filter_map(SourceView::files), &description));
     let recording =
         SourceRecording { importer: "colmap", source, views, any_size: false, fps, points: points(&model), notes };
     write::write(recording, options, out, progress)

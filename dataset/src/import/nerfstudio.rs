@@ -73,9 +73,9 @@ pub fn import(
     let mut views = gather(shots, options, &path, fps, &mut notes)?;
     let mut rate = fps;
     if !is_timed {
-        let told;
-        (rate, told) = stamps::place(&mut views, options.fps, FPS)?;
-        notes.extend(common::order_notes(views.iter().filter_map(SourceView::files), &told));
+        let description;
+        (rate, description) = stamps::place(&mut views, options.fps, FPS)?;
+        notes.extend(common::order_notes(views.iter().filter_map(SourceView::files), &description));
     }
     if !split_given {
         common::every_eighth(&mut views);

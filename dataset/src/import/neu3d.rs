@@ -84,14 +84,14 @@ pub fn import(
         views.push(SourceView { name, split, intrinsics, pose, frames });
     }
     common::override_split(&mut views, options)?;
-    let (fps, told) = match &clock.common {
+    let (fps, description) = match &clock.common {
         Some((_, times, true)) => (times.rate(), clock.description()),
         _ if views.iter().all(|view| view.files().is_some()) => stamps::place(&mut views, given, FPS)?,
         common => (common.as_ref().map_or(FPS, |(_, times, _)| times.rate()), clock.description()),
     };
-    let mut notes = common::order_notes(views.iter().filter_map(SourceView::files), &told);
+    let mut notes = common::order_notes(views.iter().filter_map(SourceView::files), &description);
     if views.iter().any(|view| matches!(view.frames, Frames::Video { .. })) {
-        notes.push(format!("videos: {told}"));
+        notes.push(format!("videos: {description}"));
     }
     notes.push(BOUNDS_LEFT_OUT.to_owned());
     let recording = SourceRecording { importer: "neu3d", source, views, any_size: true, fps, points: None, notes };
@@ -116,7 +116,7 @@ impl Clock {
         }
         let wrong =
             |path: &Path, what: String| ImportError::Camera { camera: name.to_owned(), path: path.to_owned(), what };
-        let said = match video {
+        let video_times = match video {
             Some(path) => match (FrameTimes::of(path), images) {
                 (Some(times), _) => Some((path, times)),
                 // Decoded frames can do without their video.
@@ -132,7 +132,7 @@ impl Clock {
             },
             None => None,
         };
-        if let (Some((path, FrameTimes::Uneven(times))), Some(images)) = (&said, images)
+        if let (Some((path, FrameTimes::Uneven(times))), Some(images)) = (&video_times, images)
             && times.len() as u64 != images
         {
             let what = format!(
@@ -141,9 +141,9 @@ impl Clock {
             );
             return Err(wrong(path, what));
         }
-        let is_said = said.is_some();
-        let times = said.as_ref().map_or(FrameTimes::Even(FPS), |(_, times)| times.clone());
-        let (first, common, _) = self.common.get_or_insert_with(|| (name.to_owned(), times.clone(), is_said));
+        let is_known = video_times.is_some();
+        let times = video_times.as_ref().map_or(FrameTimes::Even(FPS), |(_, times)| times.clone());
+        let (first, common, _) = self.common.get_or_insert_with(|| (name.to_owned(), times.clone(), is_known));
         let frames = [&times, &*common].into_iter().filter_map(|times| match times {
             FrameTimes::Uneven(times) => Some(times.len() as u64),
             FrameTimes::Even(_) => None,

@@ -87,8 +87,8 @@ pub fn import(
     common::override_split(&mut views, options)?;
     let of = |path: &PathBuf| FileFrame { image: path.clone(), mask: None, t_ns: 0 };
     let folders: Vec<FileFrame> = times.iter().map(of).collect();
-    let (fps, told) = stamps::place(&mut views, options.fps, FPS)?;
-    let mut notes = common::order_notes(std::iter::once(("mv_images", &folders[..])), &told);
+    let (fps, description) = stamps::place(&mut views, options.fps, FPS)?;
+    let mut notes = common::order_notes(std::iter::once(("mv_images", &folders[..])), &description);
     notes.push(BOUNDS_LEFT_OUT.to_owned());
     let recording = SourceRecording { importer: "nvidia", source, views, any_size: true, fps, points: None, notes };
     write::write(recording, options, out, progress)

@@ -102,13 +102,13 @@ pub(super) fn place(views: &mut [SourceView], given: Option<f64>, usual: f64) ->
     for view in views.iter().filter(several) {
         let Frames::Files(files) = &view.frames else { continue };
         let names = labels(files);
-        let said = if given.is_some() { by_count(&names) } else { named(&names, rate) };
-        let Some(said) = said else { return Ok((rate, assumed)) };
+        let named = if given.is_some() { by_count(&names) } else { named(&names, rate) };
+        let Some(named) = named else { return Ok((rate, assumed)) };
         let Some((first, other)) = &known else {
-            known = Some((view.name.clone(), said));
+            known = Some((view.name.clone(), named));
             continue;
         };
-        let agree = match (&said, other) {
+        let agree = match (&named, other) {
             (Named::Clock { first, times }, Named::Clock { first: other_first, times: other }) => {
                 let quarter_ns = (0.25e9 / times.rate()) as u64;
                 first.abs_diff(*other_first) <= quarter_ns && times.agree(other, names.len() as u64)
@@ -117,7 +117,7 @@ pub(super) fn place(views: &mut [SourceView], given: Option<f64>, usual: f64) ->
         };
         if !agree {
             let path = files[0].image.parent().unwrap_or(Path::new("")).to_owned();
-            let what = match said {
+            let what = match named {
                 Named::Clock { .. } => format!(
                     "the names of its frames tell other times than those of camera {first}; give one rate for all with --fps if they belong \
                      together one by one"
@@ -130,8 +130,8 @@ pub(super) fn place(views: &mut [SourceView], given: Option<f64>, usual: f64) ->
             return Err(ImportError::Camera { camera: view.name.clone(), path, what });
         }
     }
-    let Some((_, said)) = known else { return Ok((rate, assumed)) };
-    let (rate, told) = match &said {
+    let Some((_, named)) = known else { return Ok((rate, assumed)) };
+    let (rate, description) = match &named {
         Named::Clock { times: FrameTimes::Even(rate), .. } => {
             (*rate, format!("{rate} frames a second, as their names say"))
         }
@@ -149,7 +149,7 @@ pub(super) fn place(views: &mut [SourceView], given: Option<f64>, usual: f64) ->
     for view in views {
         let Frames::Files(files) = &mut view.frames else { continue };
         for (at, file) in files.iter_mut().enumerate() {
-            let time = match &said {
+            let time = match &named {
                 Named::Clock { times, .. } => times.since(0, at as u64),
                 Named::Count { places, .. } => places.get(at).map(|&place| frame_time(place, rate)),
                 Named::Uneven => None,
@@ -157,7 +157,7 @@ pub(super) fn place(views: &mut [SourceView], given: Option<f64>, usual: f64) ->
             file.t_ns = time.unwrap_or(file.t_ns);
         }
     }
-    Ok((rate, told))
+    Ok((rate, description))
 }
 
 #[cfg(test)]

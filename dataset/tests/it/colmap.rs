@@ -71,20 +71,20 @@ fn points_are_taken_and_cameras_without_images_in_the_model_are_said_to_be_left_
     let mut model = model(&[("a.png", 0), ("b.png", 1)]);
     let sparse = folder.path().join("sparse/0");
     model.write_binary(&sparse).unwrap();
-    let said = || notes(Layout::Colmap, folder.path(), &ImportOptions::default());
-    assert_eq!(said(), "");
+    let import_notes = || notes(Layout::Colmap, folder.path(), &ImportOptions::default());
+    assert_eq!(import_notes(), "");
     let point = Point3d { position: DVec3::ONE, colour: [1, 2, 3], error: 0.5, track: Vec::new() };
     model.points.insert(8, Point3d { position: DVec3::splat(1e300), ..point.clone() });
     model.points.insert(7, point);
     model.write_binary(&sparse).unwrap();
     write(folder.path().join("images/c.png"), &halves(16, 8, 1, 2));
     write(folder.path().join("images/north/0.png"), &halves(16, 8, 1, 2));
-    let said = said();
+    let text = import_notes();
     assert!(
-        said.contains("from the model: 1.") && said.contains("held-out") && said.contains("of the model left out: 1,"),
-        "{said}"
+        text.contains("from the model: 1.") && text.contains("held-out") && text.contains("of the model left out: 1,"),
+        "{text}"
     );
-    assert!(said.contains("c.png: left out") && said.contains("north: left out"), "{said}");
+    assert!(text.contains("c.png: left out") && text.contains("north: left out"), "{text}");
     let out = folder.path().join("ds");
     let dataset = run(Layout::Colmap, folder.path(), &ImportOptions::default(), &out).unwrap();
     let points = Dataset::load(&out).unwrap().read_points().unwrap().expect("points");

@@ -75,9 +75,9 @@ fn frames_of_videos_are_where_the_videos_say() {
         std::fs::remove_file(source.join(format!("cam0{camera}.mp4"))).unwrap();
     }
     assert_eq!(times(&import(&ImportOptions::default()).unwrap(), 0)[1], 33_333);
-    let said = notes(Layout::Neu3d, source, &ImportOptions::default());
-    assert!(said.contains("cam00 and 1 others: 12 frames") && said.contains("0.png, 1.png, ... 11.png"), "{said}");
-    assert!(said.contains("30 frames a second are assumed, --fps"), "{said}");
+    let text = notes(Layout::Neu3d, source, &ImportOptions::default());
+    assert!(text.contains("cam00 and 1 others: 12 frames") && text.contains("0.png, 1.png, ... 11.png"), "{text}");
+    assert!(text.contains("30 frames a second are assumed, --fps"), "{text}");
 }
 
 /// Names of frames as recorders and tools make them.
@@ -121,9 +121,9 @@ fn frames_are_in_the_order_of_all_numbers_in_their_names_in_every_layout() {
                 assert_eq!(times(&dataset, 1), quarters, "{layout:?} {}", name(1));
             }
             std::fs::remove_dir_all(out).unwrap();
-            let said = notes(layout, source, &ImportOptions::default());
+            let text = notes(layout, source, &ImportOptions::default());
             let last = format!("... {}", name(11));
-            assert!(said.contains(&name(0)) && said.contains(&last) && said.contains("frames a second"), "{said}");
+            assert!(text.contains(&name(0)) && text.contains(&last) && text.contains("frames a second"), "{text}");
         }
     }
 }
@@ -153,15 +153,18 @@ fn frames_that_lack_by_their_numbers_are_not_closed_up_and_cameras_that_tell_oth
     assert_eq!(times(&import(&given).unwrap(), 1), [0, 50_000, 100_000, 200_000, 250_000]);
     assert!(notes(Layout::Neu3d, source, &plain).contains("1 are missing by the numbers in their names"));
     both([without_4, &["f_1", "f_2", "f_4", "f_5", "f_6"]]);
-    let said = refused(Layout::Neu3d, source, &plain);
-    assert!(said.contains("camera cam01") && said.contains("not those of camera cam00"), "{said}");
+    let message = refused(Layout::Neu3d, source, &plain);
+    assert!(message.contains("camera cam01") && message.contains("not those of camera cam00"), "{message}");
     // A camera that began a frame later, and one of another rate.
     let at_10 = ["1305031102.1", "1305031102.2", "1305031102.3"].as_slice();
     for other in [&["1305031102.2", "1305031102.3", "1305031102.4"], &["1305031102.1", "1305031102.3", "1305031102.5"]]
     {
         both([at_10, other]);
-        let said = refused(Layout::Neu3d, source, &plain);
-        assert!(said.contains("tell other times than those of camera cam00") && said.contains("--fps"), "{said}");
+        let message = refused(Layout::Neu3d, source, &plain);
+        assert!(
+            message.contains("tell other times than those of camera cam00") && message.contains("--fps"),
+            "{message}"
+        );
         assert_eq!(times(&import(&given).unwrap(), 1), [0, 50_000, 100_000]);
     }
     // A jitter of a tenth of a frame is none.
@@ -226,8 +229,8 @@ fn transparency_and_depth_are_asked_for() {
     };
     save(0, &|_| [9, 9, 9, 255], false);
     save(1, &|x| if x < 8 { [255, 0, 255, 0] } else { [10, 20, 40, 255] }, false);
-    let said = import(Reading::default()).unwrap_err().to_string();
-    assert!(said.contains("camera 1") && said.contains("--background"), "{said}");
+    let message = import(Reading::default()).unwrap_err().to_string();
+    assert!(message.contains("camera 1") && message.contains("--background"), "{message}");
     for background in [0, 255] {
         let reading = Reading { background: Some([background; 3]), ..Default::default() };
         assert_eq!(import(reading).unwrap(), [background, 10]);
@@ -236,8 +239,8 @@ fn transparency_and_depth_are_asked_for() {
         let white = (1 << bits) - 1;
         save(0, &|_| [white / 3, 0, 0, 0], true);
         save(1, &|x| if x < 8 { [0; 4] } else { [white, 0, 0, 0] }, true);
-        let said = import(Reading::default()).unwrap_err().to_string();
-        assert!(said.contains(&format!("the largest is {white}")) && said.contains("--bits"), "{said}");
+        let message = import(Reading::default()).unwrap_err().to_string();
+        assert!(message.contains(&format!("the largest is {white}")) && message.contains("--bits"), "{message}");
         assert_eq!(import(Reading { bits: Some(bits), ..Default::default() }).unwrap(), [0, 255]);
         assert_eq!(import(Reading { bits: Some(16), ..Default::default() }).unwrap()[0], 0);
         // One bright picture shows that all bits count, of the dark ones, too.
@@ -270,8 +273,8 @@ fn of_videos_of_16_bits_it_is_asked_how_many_count() {
     for (bits, white) in [(10, 1023), (12, 4095)] {
         film(0, white / 2);
         film(1, white);
-        let said = import(None).unwrap_err().to_string();
-        assert!(said.contains("--bits") && said.contains("the largest is"), "{said}");
+        let message = import(None).unwrap_err().to_string();
+        assert!(message.contains("--bits") && message.contains("the largest is"), "{message}");
         let [half, full] = import(Some(bits)).unwrap();
         assert!(half.abs_diff(127) <= 1 && full >= 254, "{bits}: {half} {full}");
     }

@@ -143,7 +143,7 @@ fn a_rig_written_for_nerfstudio_is_imported_as_it_was() {
 fn a_model_that_is_not_known_is_refused_even_without_coefficients() {
     let folder = tempfile::tempdir().unwrap();
     write(folder.path().join("a.png"), &halves(16, 8, 1, 2));
-    for (keys, said) in [
+    for (keys, expected) in [
         (json!({ "camera_model": "EQUIRECTANGULAR" }), "EQUIRECTANGULAR"),
         (json!({ "k6": 0.1 }), "k6"),
         (json!({ "camera_model": "OPENCV_FISHEYE", "p2": 0.1 }), "p2"),
@@ -154,7 +154,7 @@ fn a_model_that_is_not_known_is_refused_even_without_coefficients() {
         let file = json!({ "fl_x": 20.0, "frames": [frame("a.png", 0, keys)] });
         std::fs::write(folder.path().join("transforms.json"), file.to_string()).unwrap();
         let message = refused(Layout::Nerfstudio, folder.path(), &ImportOptions::default());
-        assert!(message.contains("a.png") && message.contains(said), "{message}");
+        assert!(message.contains("a.png") && message.contains(expected), "{message}");
     }
 }
 
@@ -168,16 +168,16 @@ fn what_is_not_taken_is_said() {
     let file = json!({ "fl_x": 20.0, "ply_file_path": "p.ply", "aabb_scale": 4, "frames": frames });
     std::fs::write(folder.path().join("transforms.json"), file.to_string()).unwrap();
     let options = ImportOptions { frames: Some((1, 1)), ..Default::default() };
-    let said = notes(Layout::Nerfstudio, folder.path(), &options);
+    let text = notes(Layout::Nerfstudio, folder.path(), &options);
     for word in ["mask_path", "ply_file_path", "left out: aabb_scale", "0: left out, it has no frame"] {
-        assert!(said.contains(word), "{word}: {said}");
+        assert!(text.contains(word), "{word}: {text}");
     }
 }
 
 #[test]
 fn what_becomes_of_a_camera_that_moves_is_said() {
     let folder = tempfile::tempdir().unwrap();
-    let said = |frames: &[(u64, Option<f64>)]| {
+    let imported = |frames: &[(u64, Option<f64>)]| {
         let frames = frames.iter().enumerate().map(|(at, (camera, time))| {
             write(folder.path().join(format!("train/r_{at:03}.png")), &halves(16, 8, 1, 2));
             let extra = time.map_or(json!({}), |time| json!({ "time": time }));
@@ -191,7 +191,7 @@ fn what_becomes_of_a_camera_that_moves_is_said() {
         std::fs::remove_dir_all(out).unwrap();
         (notes(Layout::Nerfstudio, folder.path(), &ImportOptions::default()), dataset.manifest.cameras.len())
     };
-    let (moving, cameras) = said(&[(0, Some(0.0)), (1, Some(0.5)), (2, Some(1.0))]);
+    let (moving, cameras) = imported(&[(0, Some(0.0)), (1, Some(0.5)), (2, Some(1.0))]);
     assert!(moving.contains("3 frames have a pose and a time of their own") && cameras == 3, "{moving}");
     // Cameras that stand still, and images of one instant or of none that is told, of which a scene is made as well.
     for still in [
@@ -199,8 +199,8 @@ fn what_becomes_of_a_camera_that_moves_is_said() {
         vec![(0, Some(0.5)), (1, Some(0.5)), (2, Some(0.5))],
         vec![(0, None), (1, None), (2, None)],
     ] {
-        let (said, _) = said(&still);
-        assert!(!said.contains("of their own"), "{said}");
+        let (text, _) = imported(&still);
+        assert!(!text.contains("of their own"), "{text}");
     }
 }
 

@@ -379,16 +379,16 @@ mod tests {
             };
             let unsaid = gather(None).map_err(|error| error.to_string());
             match unsaid {
-                Err(said) => {
-                    assert!(depth <= 12 && said.contains(&format!("the largest is {white}")), "{depth}: {said}");
-                    assert!(said.contains("camera ev") && said.contains("--bits"), "{said}");
+                Err(error) => {
+                    assert!(depth <= 12 && error.contains(&format!("the largest is {white}")), "{depth}: {error}");
+                    assert!(error.contains("camera ev") && error.contains("--bits"), "{error}");
                 }
                 Ok(level) => assert!(depth > 12 && (level == 255) == (depth == 16), "{depth}: {level}"),
             }
             assert_eq!(gather(Some(depth)).unwrap(), 255, "{depth}");
             if depth > 8 {
-                let said = gather(Some(depth - 1)).unwrap_err().to_string();
-                assert!(said.contains(&format!("more than {} bits hold", depth - 1)), "{said}");
+                let error = gather(Some(depth - 1)).unwrap_err().to_string();
+                assert!(error.contains(&format!("more than {} bits hold", depth - 1)), "{error}");
             }
         }
     }

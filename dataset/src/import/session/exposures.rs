@@ -106,8 +106,8 @@ mod tests {
                 })
                 .collect();
             let mut left = given.clone();
-            let told = part(&mut left);
-            prop_assert_eq!(told.is_some(), left != given);
+            let overlaps = part(&mut left);
+            prop_assert_eq!(overlaps.is_some(), left != given);
             for (given, left) in given.iter().zip(&left) {
                 prop_assert!(left.mid_ns == given.mid_ns && (0..=half_ns(given)).contains(&half_ns(left)));
                 prop_assert_eq!(Exposure::between(left.span_ns()), *left);

@@ -248,8 +248,8 @@ mod tests {
         let exposures = (0..6).map(|n| (n, Exposure { mid_ns: 33_000_000 * n as i64, length_ns: Some(50_000_000) }));
         let timing = Timing { frames: exposures.collect(), ..Timing::default() };
         let planned = Planned::new(0, &timing, [i64::MIN, i64::MAX], 2);
-        let told = planned.overlaps.unwrap();
-        assert_eq!((told.frames, told.longest_ns, told.apart_ns), (6, 50_000_000, 33_000_000));
+        let overlaps = planned.overlaps.unwrap();
+        assert_eq!((overlaps.frames, overlaps.longest_ns, overlaps.apart_ns), (6, 50_000_000, 33_000_000));
         let length = |place| planned.exposure_ns(place)[1] - planned.exposure_ns(place)[0];
         assert_eq!([0, 1, 2].map(length), [33_000_000; 3], "every second frame, exposed no longer than they were");
     }
