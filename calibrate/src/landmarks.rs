@@ -330,8 +330,8 @@ mod tests {
             std::fs::write(&path, lines).unwrap();
             let read = read_sights(&path);
             assert_eq!(read.is_ok(), is_read, "{read:?}");
-            let said = read.err().map(|error| error.to_string()).unwrap_or_default();
-            assert!(is_read || said.contains("m apart") && said.contains("millimetres"), "{said}");
+            let message = read.err().map(|error| error.to_string()).unwrap_or_default();
+            assert!(is_read || message.contains("m apart") && message.contains("millimetres"), "{message}");
         }
     }
 
@@ -391,7 +391,7 @@ mod tests {
         let sights = read_sights(&path).unwrap();
         let expected = Sight { camera: "left".into(), pixel: DVec2::new(10.5, 20.0), point: DVec3::new(1.0, 2.0, 3.0) };
         assert_eq!(sights, [expected]);
-        for (text, said) in [
+        for (text, reason) in [
             ("", "empty"),
             ("camera,u,v,x,y\n", "no column z"),
             ("camera,u,v,x,y,z\nleft,1,2,3,nan,4\n", "line 2: its y"),
@@ -400,7 +400,7 @@ mod tests {
         ] {
             std::fs::write(&path, text).unwrap();
             let message = read_sights(&path).unwrap_err().to_string();
-            assert!(message.contains(said) && message.contains("p.csv"), "{text:?}: {message}");
+            assert!(message.contains(reason) && message.contains("p.csv"), "{text:?}: {message}");
         }
     }
 }

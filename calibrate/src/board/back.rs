@@ -186,8 +186,8 @@ mod tests {
             let middle = pose.transform(back.middle()) + shift;
             let rotation = DQuat::from_scaled_axis(turn) * pose.rotation;
             askew.pose = Pose { rotation, translation: middle - rotation * back.middle() };
-            let told = BackPose::of(&plate, &askew, &known()).unwrap();
-            let measures = told.measures();
+            let back_pose = BackPose::of(&plate, &askew, &known()).unwrap();
+            let measures = back_pose.measures();
             for (name, value) in [
                 ("thickness_mm", 5.0),
                 ("offset_to_the_right_mm", 3.0),
@@ -198,9 +198,9 @@ mod tests {
             ] {
                 assert!((measures[&format!("back_{name}")] - value).abs() < 1e-9, "{name}: {measures:?}");
             }
-            let words = told.table().note;
+            let words = back_pose.table().note;
             assert!(words.contains("5.00 ± 0.30 mm behind") && words.contains("turned by 4.000 ± 0.057"), "{words}");
-            assert!(told.warning().is_none() && told.vagueness() < 0.1);
+            assert!(back_pose.warning().is_none() && back_pose.vagueness() < 0.1);
         }
     }
 
@@ -217,9 +217,15 @@ mod tests {
         pose.rotation = DQuat::from_rotation_z(3.0) * pose.rotation;
         pose.translation = middle - pose.rotation * back.middle();
         let vague = SideUncertainty { rotation: DVec3::splat(f64::INFINITY), middle: DVec3::splat(0.1) };
-        let told = BackPose::of(&plate, &side(back, pose, true), &vague).unwrap();
-        assert!((told.turn + 3.0).abs() < 1e-9 && told.tilt.iter().all(|tilt| tilt.abs() < 1e-9), "{}", told.turn);
-        assert!(told.vagueness() > 1.0 && told.uncertainty() == "not at all" && told.warning().is_some());
-        assert!(!told.measures().contains_key("back_turn_deg_sigma"));
+        let back_pose = BackPose::of(&plate, &side(back, pose, true), &vague).unwrap();
+        assert!(
+            (back_pose.turn + 3.0).abs() < 1e-9 && back_pose.tilt.iter().all(|tilt| tilt.abs() < 1e-9),
+            "{}",
+            back_pose.turn
+        );
+        assert!(
+            back_pose.vagueness() > 1.0 && back_pose.uncertainty() == "not at all" && back_pose.warning().is_some()
+        );
+        assert!(!back_pose.measures().contains_key("back_turn_deg_sigma"));
     }
 }

@@ -172,8 +172,8 @@ impl Plate {
     /// Whether a frame that does not show the front shows its mirror image; `None` where nothing would tell, or where that has been
     /// looked at already.
     pub(super) fn is_mirrored_in(&self, image: &ImageRgb8) -> Option<bool> {
-        let is_told = !self.clear && !self.front.numbers().is_empty();
-        is_told.then(|| from_behind(image, &self.front).len() >= ENOUGH)
+        let can_tell = !self.clear && !self.front.numbers().is_empty();
+        can_tell.then(|| from_behind(image, &self.front).len() >= ENOUGH)
     }
 
     /// The plate as it looks in the pictures that a stream of events gives.

@@ -66,7 +66,7 @@ impl Refused {
         };
         BoardError::Contradiction {
             what: self.what.into_iter().take(4).collect::<Vec<_>>().join("; "),
-            tried: tried.said.join("; "),
+            tried: tried.sentences.join("; "),
             lenses: tried.lenses,
             times: times.into(),
         }
@@ -93,21 +93,21 @@ pub(super) fn worst(joint: &Joint) -> Vec<String> {
 #[derive(Default)]
 pub(super) struct Tried {
     /// In sentences.
-    said: Vec<String>,
+    sentences: Vec<String>,
     /// Whether holding the lenses helps, so that better ones will.
     lenses: bool,
 }
 
-/// Tries what may help; `told` gets what is tried. A camera is left out only where nothing else helps.
-pub(super) fn tried(several: &Several<'_>, refused: &Refused, options: &BoardOptions, told: &dyn Fn(&str)) -> Tried {
+/// Tries what may help; `report` gets what is tried. A camera is left out only where nothing else helps.
+pub(super) fn tried(several: &Several<'_>, refused: &Refused, options: &BoardOptions, report: &dyn Fn(&str)) -> Tried {
     let mut tried = Tried::default();
     if let Some(offsets) = &refused.offsets {
-        tried.said.push(format!("{}, which is not enough", offsets.sentence()));
+        tried.sentences.push(format!("{}, which is not enough", offsets.sentence()));
     }
     let mut helps = |words: &str, options: &BoardOptions| {
-        told(words);
+        report(words);
         let outcome = several.calibrate(options);
-        tried.said.push(verdict(words, &outcome));
+        tried.sentences.push(verdict(words, &outcome));
         outcome.is_ok_and(|fitted| !fitted.doubtful)
     };
     let keep = BoardOptions { keep_intrinsics: true, ..options.clone() };
@@ -122,7 +122,7 @@ pub(super) fn tried(several: &Several<'_>, refused: &Refused, options: &BoardOpt
         helped = helped || (lenses_are_free && helps(&format!("{KEEP} {words}"), &untie(&keep)));
     }
     if !helped {
-        tried.said.extend(without_one(several, options, told));
+        tried.sentences.extend(without_one(several, options, report));
     }
     Tried { lenses, ..tried }
 }
@@ -130,7 +130,7 @@ pub(super) fn tried(several: &Several<'_>, refused: &Refused, options: &BoardOpt
 const KEEP: &str = "--keep-intrinsics";
 
 /// What leaving out each camera in turn gives, as far as it helps.
-fn without_one(several: &Several<'_>, options: &BoardOptions, told: &dyn Fn(&str)) -> Vec<String> {
+fn without_one(several: &Several<'_>, options: &BoardOptions, report: &dyn Fn(&str)) -> Vec<String> {
     let count = several.seen.len();
     if !(3..=MOST_CAMERAS).contains(&count) {
         return Vec::new();
@@ -140,7 +140,7 @@ fn without_one(several: &Several<'_>, options: &BoardOptions, told: &dyn Fn(&str
         let seen: Vec<_> = others().map(|index| several.seen[index]).collect();
         let alone: Vec<_> = others().map(|index| several.alone[index]).collect();
         let words = format!("--without {}", several.seen[left_out].camera);
-        told(&words);
+        report(&words);
         (words, Several { seen: &seen, alone: &alone, plate: several.plate }.calibrate(options))
     };
     let all: Vec<_> = (0..count).map(without).filter(|(_, outcome)| outcome.is_ok()).collect();

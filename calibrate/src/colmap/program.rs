@@ -167,14 +167,14 @@ impl Colmap {
         let mut log = Tail::default();
         for attempt in 1..=ATTEMPTS {
             log = Tail::default();
-            let said = |line: &str| {
+            let on_line = |line: &str| {
                 // A mapper does not say how many there are to be.
                 if let Some((done, total)) = count(line).or_else(|| Some((registered(line)?, 0))) {
                     progress(done, total);
                 }
                 log.push(line);
             };
-            match children::run(command(), self.patience, said) {
+            match children::run(command(), self.patience, on_line) {
                 Ok(Ended::Itself(status)) if status.success() => return Ok(()),
                 Ok(Ended::Itself(status)) => return Err(failed(status.to_string(), log.text())),
                 Ok(Ended::Hung) if attempt < ATTEMPTS => {
@@ -202,14 +202,14 @@ impl Colmap {
 /// How a program ended that was asked something, and all that it said.
 fn answer(command: Command, patience: Duration) -> Result<(ExitStatus, String), String> {
     let mut text = String::new();
-    let said = |line: &str| {
+    let on_line = |line: &str| {
         // No version says more; what is no COLMAP may say anything.
         if text.len() < 1 << 20 {
             text.push_str(line);
             text.push('\n');
         }
     };
-    match children::run(command, patience, said) {
+    match children::run(command, patience, on_line) {
         Ok(Ended::Itself(status)) => Ok((status, text)),
         Ok(Ended::Hung) => Err(format!("no answer in {:.0} s", patience.as_secs_f64())),
         Err(error) => Err(error.to_string()),

@@ -111,9 +111,9 @@ mod tests {
         let large = within(&[[2704, 2028]; 21], 2.0, 2, Some(16 * GIB), None).unwrap();
         let [width, height] = large.taken;
         assert!((1500..2400).contains(&width) && 21 * u64::from(width) * u64::from(height) < 61_000_000, "{large:?}");
-        let said = large.to_string();
+        let text = large.to_string();
         for word in ["5408 x 4056", "2 threads", "16.0 GiB", "--feature-side 5408"] {
-            assert!(said.contains(word), "{said}");
+            assert!(text.contains(word), "{text}");
         }
         // PanopticSports.
         assert_eq!(within(&[[640, 360]; 31], 2.0, 2, Some(16 * GIB), None), None);

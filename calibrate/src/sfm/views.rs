@@ -233,8 +233,8 @@ mod tests {
         let views = read_views(folder, 2, &KnownIntrinsics::Unknown).unwrap();
         assert_eq!(views[1].chosen.as_deref(), Some(folder.join("cam2/img_10.png").as_path()));
         write(folder, "cam2/img_09.png", 16);
-        let said = taken(folder, 0).unwrap_err().to_string();
-        assert!(said.contains("cam2") && said.contains("img_9") && said.contains("img_09"), "{said}");
+        let message = taken(folder, 0).unwrap_err().to_string();
+        assert!(message.contains("cam2") && message.contains("img_9") && message.contains("img_09"), "{message}");
     }
 
     #[test]

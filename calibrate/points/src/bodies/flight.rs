@@ -88,7 +88,7 @@ impl Flights {
             let to = (from + PIECE).min(count);
             // Of two pieces that overlap each tells half of it.
             let since = if from == 0 { f64::NEG_INFINITY } else { seen.times_s[from + OVERLAP / 2] };
-            flights.pieces.push((since, Flight::told_by(seen.piece(from, to))));
+            flights.pieces.push((since, Flight::fitted(seen.piece(from, to))));
             if to == count {
                 break;
             }
@@ -137,7 +137,7 @@ struct Flight {
 
 impl Flight {
     /// By its own acceleration, or else by the one that is known.
-    fn told_by(seen: Places<'_>) -> Option<Self> {
+    fn fitted(seen: Places<'_>) -> Option<Self> {
         let bouncing = || seen.fall.and_then(|_| Self::of(seen)).filter(|flight| !flight.breaks_s.is_empty());
         Self::of(Places { fall: None, ..seen }).or_else(bouncing).or_else(|| Self::falling(seen))
     }
@@ -296,8 +296,8 @@ impl Flight {
     /// What it costs to tell the places by it: the Bayesian information criterion.
     fn price(&self, seen: Places<'_>) -> f64 {
         let values = 3.0 * seen.times_s.len() as f64;
-        let told = self.terms.len() - usize::from(seen.fall.is_some());
-        let numbers = (3 * told + self.breaks_s.len()) as f64;
+        let free_terms = self.terms.len() - usize::from(seen.fall.is_some());
+        let numbers = (3 * free_terms + self.breaks_s.len()) as f64;
         values * self.apart_m.max(RIGHT * seen.cell_m).powi(2).ln() + numbers * values.ln()
     }
 }

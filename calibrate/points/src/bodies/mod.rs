@@ -184,8 +184,8 @@ impl<'a> Finder<'a> {
             let globes = Globes::longer_and_longer(&thing.globes);
             let compared = Globes::with(&globes, shades.as_ref());
             // Two instants do not tell how often it turned between them, and events of what is plain are as sharp by any rate.
-            let told = thing.shapes.len() > 2;
-            let all: Vec<_> = windows.values().filter(|_| told).flatten().collect();
+            let enough = thing.shapes.len() > 2;
+            let all: Vec<_> = windows.values().filter(|_| enough).flatten().collect();
             let mut spin = spin::spin(&compared, &all, self.film.step_s());
             if let Some(curve) = self.options.page.then(|| Curve::new(&spin, compared.last().copied(), &all)).flatten()
             {

@@ -69,10 +69,10 @@ pub fn turning(film: &Film, thing: &Thing, windows: &Windows, step_s: f64) -> Op
         return None;
     }
     let mut spins = spins(film, thing, &stretches, windows, step_s);
-    let told: Vec<DVec3> = spins.iter().map(|spin| spin.rate).collect();
+    let rates: Vec<DVec3> = spins.iter().map(|spin| spin.rate).collect();
     let best_s = best_seen_s(film, thing)?;
     let best = stretches.iter().position(|stretch| stretch.has(best_s))?;
-    Some((spins.swap_remove(best), Stretch::rates(&stretches, &told, film.seconds())))
+    Some((spins.swap_remove(best), Stretch::rates(&stretches, &rates, film.seconds())))
 }
 
 /// How it turns in each of its stretches, by itself.
@@ -93,8 +93,8 @@ fn spins(film: &Film, thing: &Thing, stretches: &[Stretch], windows: &Windows, s
     let spins: Vec<Option<Spin>> = stretches.iter().map(spin).collect();
     // A stretch that tells nothing turns as the nearest that does.
     let nearest = |index: usize| {
-        let told = spins.iter().enumerate().filter_map(|(at, spin)| spin.as_ref().map(|spin| (at, spin)));
-        told.min_by_key(|(at, _)| at.abs_diff(index)).map(|(_, spin)| spin.clone()).unwrap_or_default()
+        let known = spins.iter().enumerate().filter_map(|(at, spin)| spin.as_ref().map(|spin| (at, spin)));
+        known.min_by_key(|(at, _)| at.abs_diff(index)).map(|(_, spin)| spin.clone()).unwrap_or_default()
     };
     (0..stretches.len()).map(nearest).collect()
 }

@@ -138,11 +138,11 @@ fn the_union_keeps_colmaps_points_and_its_limit_and_tells_every_step_to_its_end(
     assert!(kept * 20 > colmap.points.len() * 19, "{kept} of {}", colmap.points.len());
     let mut dataset = dataset;
     let file = attach(&mut dataset, &union).unwrap();
-    let told = dataset.point_runs().unwrap().expect("runs");
-    assert_eq!(Some(&told), file.runs().unwrap().as_ref());
-    let told: Vec<_> = told.iter().flat_map(|run| vec![(run.t_ns, run.found_again); run.count as usize]).collect();
+    let runs = dataset.point_runs().unwrap().expect("runs");
+    assert_eq!(Some(&runs), file.runs().unwrap().as_ref());
+    let times: Vec<_> = runs.iter().flat_map(|run| vec![(run.t_ns, run.found_again); run.count as usize]).collect();
     let found: Vec<_> = union.points.iter().map(|point| (point.t_ns, point.instants > 1)).collect();
-    assert_eq!(told, found, "the manifest tells the time of every point");
+    assert_eq!(times, found, "the manifest tells the time of every point");
 }
 
 #[test]

@@ -65,12 +65,12 @@ pub fn calibrate(
         return Ok((rig, evidence));
     }
     let several = Several { seen: &seen, alone: &alone, plate };
-    let told = |what: &str| progress(wanted.len(), wanted.len() + 1, what);
-    told("all cameras");
+    let report = |what: &str| progress(wanted.len(), wanted.len() + 1, what);
+    report("all cameras");
     let found = several.calibrate(options).map(|fitted| fitted.calibrated);
     let mut found = found.map_err(|failed| match failed {
         Failed::Refused(refused) => {
-            let tried = remedies::tried(&several, &refused, options, &told);
+            let tried = remedies::tried(&several, &refused, options, &report);
             refused.error(tried)
         }
         Failed::Other(error) => error,

@@ -85,9 +85,9 @@ pub(super) fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Outcome
     };
     let Solved { joint, uncertainty, doubts } = solved;
     let free = joint.bundle.sides.first().zip(uncertainty.sides.first()).filter(|(side, _)| side.free);
-    let told = free.and_then(|(side, known)| BackPose::of(plate, side, known));
-    if let Some(told) = told.as_ref().filter(|told| told.vagueness() > 1.0) {
-        return Ok(Outcome::BackOpen(told.uncertainty()));
+    let back_pose = free.and_then(|(side, known)| BackPose::of(plate, side, known));
+    if let Some(back_pose) = back_pose.as_ref().filter(|back_pose| back_pose.vagueness() > 1.0) {
+        return Ok(Outcome::BackOpen(back_pose.uncertainty()));
     }
     let modalities: Vec<Modality> = seen.iter().map(|seen| modality(seen)).collect();
     let mut rig = joint.bundle.rig("board", &uncertainty, &modalities);
@@ -108,7 +108,7 @@ pub(super) fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Outcome
     rig.warnings = doubts.sentences();
     rig.warnings.extend(notes);
     rig.warnings.extend(scattered(&joint));
-    rig.warnings.extend(told.as_ref().and_then(BackPose::warning));
+    rig.warnings.extend(back_pose.as_ref().and_then(BackPose::warning));
     rig.warnings.extend(as_stated(&tied, options));
     for ((camera, one), seen) in rig.cameras.iter_mut().zip(alone).zip(seen) {
         camera.warnings = coverage_warnings(seen);
@@ -131,11 +131,11 @@ pub(super) fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Outcome
     }
     evidence.observe(&joint.bundle);
     evidence.outlines = outlines(&joint, plate);
-    evidence.tables.extend(told.as_ref().map(BackPose::table));
+    evidence.tables.extend(back_pose.as_ref().map(BackPose::table));
     evidence.moments = joint.moments;
     if let Some(quality) = &mut rig.quality {
         quality.measures.insert("instants".into(), evidence.moments.len() as f64);
-        quality.measures.extend(told.iter().flat_map(BackPose::measures));
+        quality.measures.extend(back_pose.iter().flat_map(BackPose::measures));
     }
     Ok(Outcome::Rig(Box::new(Fitted { calibrated: (rig, evidence), doubtful })))
 }

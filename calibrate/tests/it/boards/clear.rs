@@ -87,15 +87,15 @@ fn a_clear_board_ties_cameras_on_either_side_and_is_named_where_nobody_said_that
             "{}: {found} of {tried}",
             seen.camera
         );
-        let said = solve(std::slice::from_ref(seen), &opaque).unwrap_err().to_string();
+        let message = solve(std::slice::from_ref(seen), &opaque).unwrap_err().to_string();
         for word in ["0 of 6 frames", "--clear", &format!("{found} of {tried}"), &seen.camera, "mirror"] {
-            assert!(said.contains(word), "{word}: {said}");
+            assert!(message.contains(word), "{word}: {message}");
         }
     }
 }
 
 #[test]
 fn a_chessboard_does_not_tell_from_which_side_it_is_seen() {
-    let said = Plate::clear("chessboard:9x6:0.025".parse().unwrap()).unwrap_err().to_string();
-    assert!(said.contains("chessboard:9x6:0.025 has no markers"), "{said}");
+    let message = Plate::clear("chessboard:9x6:0.025".parse().unwrap()).unwrap_err().to_string();
+    assert!(message.contains("chessboard:9x6:0.025 has no markers"), "{message}");
 }

@@ -153,11 +153,11 @@ fn lenses_that_are_given_must_be_of_these_cameras() {
     assert!(error.contains("camera left") && error.contains("1280x960") && error.contains("640x480"), "{error}");
     // Of the right size, but of another zoom.
     let zoomed = Intrinsics { fx: 750.0, fy: 750.0, ..lens() };
-    let said = match solve(&seen, &known("left", zoomed)) {
+    let message = match solve(&seen, &known("left", zoomed)) {
         Err(error) => error.to_string(),
         Ok(rig) => rig.warnings[0].clone(),
     };
-    assert!(said.contains("given intrinsics of left") && said.contains("zoom"), "{said}");
+    assert!(message.contains("given intrinsics of left") && message.contains("zoom"), "{message}");
 }
 
 /// The matrix of what is free is empty.

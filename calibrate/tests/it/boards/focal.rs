@@ -88,7 +88,11 @@ fn frames_that_show_too_little_of_the_board_count_as_seen_and_what_was_looked_at
     seen.views[0].corners.truncate(5);
     for known in [Default::default(), [("left".to_owned(), camera())].into()] {
         let options = BoardOptions { known, ..BoardOptions::default() };
-        let said = calibrate(std::slice::from_ref(&seen), &board(), &options, &|_, _, _| {}).unwrap_err().to_string();
-        assert!(said.contains("1 of 120 frames of take/left.mp4, in 0 of them with six corners or more"), "{said}");
+        let message =
+            calibrate(std::slice::from_ref(&seen), &board(), &options, &|_, _, _| {}).unwrap_err().to_string();
+        assert!(
+            message.contains("1 of 120 frames of take/left.mp4, in 0 of them with six corners or more"),
+            "{message}"
+        );
     }
 }

@@ -109,8 +109,8 @@ fn a_kept_camera_that_was_moved_is_named() {
     let options = WandOptions { known: Some(KnownRig::new(known)), ..rig::options() };
     let (found, _) = calibrate(&cameras, &options).unwrap();
     for camera in &found.cameras {
-        let told = camera.warnings.iter().any(|warning| warning.contains("has it been moved?"));
-        assert_eq!(told, camera.name == name, "{}: {:?}", camera.name, camera.warnings);
+        let warned = camera.warnings.iter().any(|warning| warning.contains("has it been moved?"));
+        assert_eq!(warned, camera.name == name, "{}: {:?}", camera.name, camera.warnings);
     }
     assert!(errors(&found, &stations).iter().all(|(mm, _)| *mm < 4.0), "{:?}", errors(&found, &stations));
 }
