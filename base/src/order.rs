@@ -242,9 +242,9 @@ mod tests {
             (&["a9", "b3", "b4"], "different patterns"),
         ] {
             let doubt = order(names).unwrap_err();
-            let said = doubt.to_string();
-            assert!(said.contains(why), "{names:?}: {said}");
-            assert!(names.contains(&doubt.first.as_str()) && names.contains(&doubt.second.as_str()), "{said}");
+            let message = doubt.to_string();
+            assert!(message.contains(why), "{names:?}: {message}");
+            assert!(names.contains(&doubt.first.as_str()) && names.contains(&doubt.second.as_str()), "{message}");
         }
         for names in [&["1.900", "1.867"][..], &["1.2.10", "1.2.9"], &["a", "b"], &["DSC_0001", "IMG_0002"], &[]] {
             assert!(order(names).is_ok(), "{names:?}");

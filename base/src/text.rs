@@ -64,7 +64,7 @@ mod tests {
 
     #[test]
     fn another_encoding_is_refused_with_its_line() {
-        let said = decode(b"a: 1\nb: Andr\xe9\n".to_vec()).unwrap_err().to_string();
-        assert!(said.contains("line 2") && said.contains("iconv"), "{said}");
+        let message = decode(b"a: 1\nb: Andr\xe9\n".to_vec()).unwrap_err().to_string();
+        assert!(message.contains("line 2") && message.contains("iconv"), "{message}");
     }
 }

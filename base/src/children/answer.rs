@@ -36,12 +36,12 @@ pub fn answer(mut command: Command, patience: Duration, most: usize) -> io::Resu
     let out = child.child.stdout.take().map(|stream| listen(stream, most)).transpose()?;
     let errors = child.child.stderr.take().map(|stream| listen(stream, most)).transpose()?;
     let begun = Instant::now();
-    let (mut said, mut waiting) = ([None, None], [out, errors]);
+    let (mut outputs, mut waiting) = ([None, None], [out, errors]);
     let status = loop {
-        for (said, stream) in std::iter::zip(&mut said, &mut waiting) {
+        for (output, stream) in std::iter::zip(&mut outputs, &mut waiting) {
             if let Some(bytes) = stream.as_ref().and_then(|stream| stream.try_recv().ok()) {
                 within(&bytes, most)?;
-                (*said, *stream) = (Some(bytes), None);
+                (*output, *stream) = (Some(bytes), None);
             }
         }
         if let Some(status) = child.ended()? {
@@ -59,7 +59,7 @@ pub fn answer(mut command: Command, patience: Duration, most: usize) -> io::Resu
             // Nothing comes where something that it started holds the output.
             stream.recv_timeout(until.saturating_duration_since(Instant::now())).ok()
         };
-        said[which].take().or_else(|| waiting[which].as_ref().and_then(last)).unwrap_or_default()
+        outputs[which].take().or_else(|| waiting[which].as_ref().and_then(last)).unwrap_or_default()
     });
     within(&out, most)?;
     within(&errors, most)?;
@@ -100,9 +100,9 @@ mod tests {
     #[test]
     fn what_a_program_prints_is_told_whole_and_how_it_ended() {
         // More than a pipe holds, so that it has to be read while the program runs.
-        let said = shell("seq 100000; echo no >&2; exit 3", 60_000, 1 << 20).unwrap();
-        assert_eq!((said.status.code(), said.errors.as_str()), (Some(3), "no\n"));
-        assert!(said.out.len() > 500_000 && said.out.ends_with("100000\n"));
+        let output = shell("seq 100000; echo no >&2; exit 3", 60_000, 1 << 20).unwrap();
+        assert_eq!((output.status.code(), output.errors.as_str()), (Some(3), "no\n"));
+        assert!(output.out.len() > 500_000 && output.out.ends_with("100000\n"));
     }
 
     #[test]
@@ -113,6 +113,6 @@ mod tests {
         let none = answer(Command::new("no-such-program"), Duration::from_secs(1), 10);
         assert_eq!(none.map_err(|error| error.kind()), Err(io::ErrorKind::NotFound));
         // Something that it started holds the output.
-        assert!(shell("sleep 600 & exit 0", 60_000, 1000).is_ok_and(|said| said.status.success()));
+        assert!(shell("sleep 600 & exit 0", 60_000, 1000).is_ok_and(|output| output.status.success()));
     }
 }

@@ -36,13 +36,13 @@ pub enum Ended {
     Hung,
 }
 
-/// Runs `command` without input to its end, and gives each line that it prints to `said`. It is ended where it hangs: if for `idle`
+/// Runs `command` without input to its end, and gives each line that it prints to `on_line`. It is ended where it hangs: if for `idle`
 /// none of its threads, nor those of what it started, runs or uses processor time, and nothing is printed. That is known on Linux
 /// alone; elsewhere it is waited for. It is also ended if this process ends, or is about to ([`ending::clear`]).
 ///
 /// # Errors
 /// If the program cannot be started or waited for.
-pub fn run(mut command: Command, idle: Duration, mut said: impl FnMut(&str)) -> io::Result<Ended> {
+pub fn run(mut command: Command, idle: Duration, mut on_line: impl FnMut(&str)) -> io::Result<Ended> {
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     end_with_us(&mut command, Signal::Kill);
     let mut child = Group::start(command)?;
@@ -59,7 +59,7 @@ pub fn run(mut command: Command, idle: Duration, mut said: impl FnMut(&str)) -> 
         match lines.recv_timeout(LOOK_EVERY.min(watch.look_every)) {
             Ok(line) => {
                 watch.is_busy();
-                said(&line);
+                on_line(&line);
                 continue;
             }
             Err(RecvTimeoutError::Timeout) => {}
@@ -70,7 +70,7 @@ pub fn run(mut command: Command, idle: Duration, mut said: impl FnMut(&str)) -> 
             let until = Instant::now() + LAST_WORDS;
             loop {
                 match lines.recv_timeout(until.saturating_duration_since(Instant::now())) {
-                    Ok(line) => said(&line),
+                    Ok(line) => on_line(&line),
                     Err(RecvTimeoutError::Disconnected) => break,
                     Err(RecvTimeoutError::Timeout) => {
                         // Something that it started holds the output.

@@ -32,9 +32,9 @@ mod tests {
         let error = write_whole(&out, |_| -> Result<(), _> {
             Err(ContainerError::Write { path: out.clone(), offset: 4096, source: full() })
         });
-        let said = error.unwrap_err().to_string();
-        assert!(said.contains("out.mcap") && said.contains("free some space"), "{said}");
-        assert!(!said.contains("recover") && !said.contains("readable"), "{said}");
+        let message = error.unwrap_err().to_string();
+        assert!(message.contains("out.mcap") && message.contains("free some space"), "{message}");
+        assert!(!message.contains("recover") && !message.contains("readable"), "{message}");
         // What was being read is another matter.
         let other = folder.path().join("other.mcap");
         let error = write_whole(&out, |_| -> Result<(), _> {

@@ -28,7 +28,7 @@ impl Sink for Largest {
 ///
 /// # Errors
 /// If nothing is said and the samples are so small that fewer may count, or if there are larger ones than the user says.
-pub fn of(recording: &mut Recording, stream: usize, said: Option<u8>) -> Result<u8, ExportError> {
+pub fn of(recording: &mut Recording, stream: usize, given: Option<u8>) -> Result<u8, ExportError> {
     let description = &recording.summary().streams[stream].description;
     if description.encoding != Encoding::Events(EventEncoding::Aedat4) {
         return Ok(16);
@@ -36,12 +36,12 @@ pub fn of(recording: &mut Recording, stream: usize, said: Option<u8>) -> Result<
     let id = description.id.clone();
     let mut largest = Largest(0);
     recording.decode_events(stream, &mut largest, |_| {})?;
-    match (said, largest.0) {
+    match (given, largest.0) {
         (None, largest @ 1..FEW_BITS) => Err(ExportError::FewBits { id, largest }),
         (Some(bits), largest) if u32::from(largest) >> bits.min(16) != 0 => {
             Err(ExportError::MoreBits { id, largest, bits })
         }
-        (said, _) => Ok(said.unwrap_or(16)),
+        (given, _) => Ok(given.unwrap_or(16)),
     }
 }
 
@@ -100,8 +100,11 @@ mod tests {
             let unsaid = write(None);
             assert_eq!(unsaid.is_err(), depth <= 12, "{depth}: {unsaid:?}");
             if let Err(error) = unsaid {
-                let said = error.to_string();
-                assert!(said.contains(&format!("the largest is {white}")) && said.contains("--bits"), "{said}");
+                let message = error.to_string();
+                assert!(
+                    message.contains(&format!("the largest is {white}")) && message.contains("--bits"),
+                    "{message}"
+                );
                 assert!(!folder.path().join(format!("{depth}-None")).exists());
             }
             let few = write(Some(depth - 1).filter(|bits| *bits >= 8));

@@ -170,18 +170,18 @@ fn renamed(mut bytes: Vec<u8>, name: &[u8; 4]) -> Vec<u8> {
 fn what_chunks_are_compressed_with_that_erfgs_does_not_read_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let (source, out) = (folder.path().join("s.mcap"), folder.path().join("out.mcap"));
-    let said = |error: ContainerError| {
+    let assert_refused = |error: ContainerError| {
         assert!(matches!(error, ContainerError::Compression { .. }), "{error}");
         let error = error.to_string();
         assert!(error.contains(r#"compressed with "lzma""#) && error.contains(r#"reads "lz4" and "zstd""#), "{error}");
     };
     let ros = renamed(compressed_ros_recording("evt3", Some(Zstd)), b"lzma");
-    said(open(&ros).err().unwrap());
+    assert_refused(open(&ros).err().unwrap());
     let session = renamed(repacked(&common::small_session(), Zstd), b"lzma");
-    said(open(&session).unwrap().messages(None).next().unwrap().err().unwrap());
-    said(open(&session).unwrap().check(|_| {}).err().unwrap());
+    assert_refused(open(&session).unwrap().messages(None).next().unwrap().err().unwrap());
+    assert_refused(open(&session).unwrap().check(|_| {}).err().unwrap());
     fs::write(&source, &ros).unwrap();
-    said(recover(&source, &out).unwrap_err());
+    assert_refused(recover(&source, &out).unwrap_err());
     assert!(!out.exists());
     assert!(matches!(recover_in_place(&source), Err(ContainerError::DamagedWithin { .. })));
     assert_eq!(fs::read(&source).unwrap(), ros, "nothing is cut off");

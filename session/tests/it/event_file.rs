@@ -88,7 +88,7 @@ fn times_that_no_clock_has_become_no_recording() {
         erfgs_events::npz::write_events(&path, &events).unwrap();
         let opened = Recording::open(&path, None).map(drop).map_err(|error| error.to_string());
         assert_eq!(opened.is_ok(), is_taken, "{t_us}: {opened:?}");
-        let told = |said: &String| said.contains("a.npz") && said.contains("plausible");
-        assert!(opened.is_ok() || opened.as_ref().is_err_and(told), "{opened:?}");
+        let is_clear = |message: &String| message.contains("a.npz") && message.contains("plausible");
+        assert!(opened.is_ok() || opened.as_ref().is_err_and(is_clear), "{opened:?}");
     }
 }

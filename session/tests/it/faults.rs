@@ -63,9 +63,9 @@ fn a_chunk_that_lacks_is_told_whatever_the_index_says() {
     for (bytes, totals) in [(&session, true), (&ros, false)] {
         for [from, to] in chunks(bytes) {
             let without = [&bytes[..from], &bytes[to..]].concat();
-            let said = check(&without);
+            let damage = check(&without);
             let what = if totals { "of the 12 that were recorded" } else { "the end of the file counts 5" };
-            assert!(said.iter().any(|said| said.contains(what)), "{said:?}");
+            assert!(damage.iter().any(|message| message.contains(what)), "{damage:?}");
             let copy = folder.recovered(&without).expect("the copy says what there is");
             assert_eq!(common::entries(&copy), common::entries(&without));
         }
@@ -76,7 +76,7 @@ fn a_chunk_that_lacks_is_told_whatever_the_index_says() {
     let cut = places.last().unwrap()[1];
     let without = [&session[..from], &session[to..cut]].concat();
     assert!(
-        check(&without).iter().any(|said| said.contains("missing by their sequence numbers")),
+        check(&without).iter().any(|message| message.contains("missing by their sequence numbers")),
         "{:?}",
         check(&without)
     );
@@ -95,7 +95,11 @@ fn a_chunk_that_comes_twice_is_told_and_read_once() {
             for at in [to, places.last().unwrap()[1]] {
                 let twice = [&bytes[..at], &bytes[from..to], &bytes[at..]].concat();
                 assert_eq!(common::entries(&twice), all);
-                assert!(check(&twice).iter().any(|said| said.contains("repeats that of byte")), "{:?}", check(&twice));
+                assert!(
+                    check(&twice).iter().any(|message| message.contains("repeats that of byte")),
+                    "{:?}",
+                    check(&twice)
+                );
                 assert_eq!(common::entries(&folder.recovered(&twice).unwrap()), all);
             }
         }
@@ -136,7 +140,7 @@ fn packets_that_come_twice_in_other_chunks_are_told_and_read_once() {
     }
     writer.finish().unwrap();
     drop(writer);
-    assert!(check(&out).iter().any(|said| said.contains("duplicates")), "{:?}", check(&out));
+    assert!(check(&out).iter().any(|message| message.contains("duplicates")), "{:?}", check(&out));
     assert_eq!(common::entries(&out), all);
     assert_eq!(common::entries(&folder.recovered(&out).unwrap()), all);
 }

@@ -128,8 +128,8 @@ fn what_is_not_read_is_named_with_a_remedy() {
         ("other.h5", ["temperature", "/CD/events"]),
         ("none.h5", ["none.h5", "No such file"]),
     ] {
-        let said = message(name);
-        assert!(words.iter().all(|word| said.contains(word)), "{name}: {said}");
+        let text = message(name);
+        assert!(words.iter().all(|word| text.contains(word)), "{name}: {text}");
     }
     let folder = FILES.path();
     let whole = std::fs::read(folder.join("zstd.h5")).unwrap();

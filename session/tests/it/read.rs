@@ -273,7 +273,7 @@ proptest::proptest! {
         let read = open(&bytes).unwrap();
         proptest::prop_assert!(read.summary().streams.iter().any(|stream| stream.description.id == "late"));
         let bytes = session(bad);
-        let said = match open(&bytes) {
+        let message = match open(&bytes) {
             Ok(read) => {
                 let ids: Vec<&str> = read.summary().streams.iter().map(|stream| stream.description.id.as_str()).collect();
                 proptest::prop_assert!(!ids.contains(&"late"), "{:?}", ids);
@@ -281,6 +281,6 @@ proptest::proptest! {
             }
             Err(error) => error.to_string(),
         };
-        proptest::prop_assert!(said.contains("late") && said.contains("plausible"), "{}", said);
+        proptest::prop_assert!(message.contains("late") && message.contains("plausible"), "{}", message);
     }
 }

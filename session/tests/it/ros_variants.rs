@@ -235,7 +235,7 @@ proptest! {
         let later = at > 0;
         let (mut schema, mut coding) = (SCHEMA, "cdr");
         let message = &mut messages[at];
-        let said = match which {
+        let expected = match which {
             0 => { message.kind = [0, 0]; "little-endian CDR" }
             1 => { message.is_big_endian = 1; "is_bigendian" }
             2 if later => { message.size = [320, 240]; "320 x 240" }
@@ -254,10 +254,10 @@ proptest! {
         let path = file.write(folder.path(), schema, coding, &bytes);
         match read(&path) {
             Ok((found, _, damage)) => {
-                prop_assert!(damage.contains(said), "{which} {at}: {damage:?}");
+                prop_assert!(damage.contains(expected), "{which} {at}: {damage:?}");
                 prop_assert!(found.len() < events.len(), "{which}");
             }
-            Err(error) => prop_assert!(error.contains(said), "{which}: {error}"),
+            Err(error) => prop_assert!(error.contains(expected), "{which}: {error}"),
         }
     }
 

@@ -100,14 +100,14 @@ fn messages_that_rosbag2_compressed_one_by_one_are_read() {
 #[test]
 fn bags_without_events_and_broken_ones_say_so() {
     let folder = tempfile::tempdir().unwrap();
-    let said = |name: &str| Session::open(&folder.path().join(name)).err().unwrap().to_string();
+    let error = |name: &str| Session::open(&folder.path().join(name)).err().unwrap().to_string();
     bag(&folder.path().join("a.db3"), "sensor_msgs/msg/Image", &[vec![0; 10]]);
-    let text = said("a.db3");
+    let text = error("a.db3");
     assert!(text.contains("a.db3") && text.contains("sensor_msgs/msg/Image"), "{text}");
     bag(&folder.path().join("b.db3"), "event_camera_msgs/msg/EventPacket", &[event_packet(0, "mono", &[0; 8])]);
     let bytes = std::fs::read(folder.path().join("b.db3")).unwrap();
     std::fs::write(folder.path().join("c.db3"), &bytes[..200]).unwrap();
-    assert!(said("c.db3").contains("rosbag2"), "{}", said("c.db3"));
+    assert!(error("c.db3").contains("rosbag2"), "{}", error("c.db3"));
     // Damage is told or changes numbers; nothing panics.
     for at in (100..bytes.len()).step_by(97) {
         let mut damaged = bytes.clone();
@@ -137,6 +137,6 @@ fn a_folder_of_rosbag2_is_the_recording_in_it() {
     assert_eq!(count(path).unwrap(), 5);
     assert_eq!(Session::open(path).unwrap().path(), path.join("a_0.db3"));
     std::fs::copy(path.join("a_0.db3"), path.join("a_1.db3")).unwrap();
-    let said = count(path).err().unwrap().to_string();
-    assert!(said.contains("2 files") && said.contains("a_1.db3"), "{said}");
+    let message = count(path).err().unwrap().to_string();
+    assert!(message.contains("2 files") && message.contains("a_1.db3"), "{message}");
 }

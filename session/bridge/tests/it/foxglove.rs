@@ -94,7 +94,7 @@ fn others_read_every_picture_lens_and_pose_with_its_time() {
             assert_eq!((&message["frame"], &message["sequence"]), (&json!(id), &json!(frame.sequence)));
             assert_picture(&found, message, frame, id);
         }
-        assert!(written.damage.iter().any(|told| told.contains(&format!("1 frames of stream '{id}'"))), "{id}");
+        assert!(written.damage.iter().any(|message| message.contains(&format!("1 frames of stream '{id}'"))), "{id}");
     }
     let expected = frames(&mut recording, "davis");
     let messages = list(&topics["/davis/image"]);
@@ -200,14 +200,14 @@ fn what_cannot_be_written_is_named_and_leaves_nothing() {
     let mut write = |choice: FoxgloveChoice<'_>| foxglove::write(&mut recording, &choice, &out, |_, _| {});
     let only = |id: &str| FoxgloveChoice { streams: Some(vec![id.to_owned()]), ..FoxgloveChoice::default() };
     assert!(matches!(write(only("dead")), Err(BridgeError::Nothing { .. })));
-    let said = write(only("board")).unwrap_err().to_string();
-    assert!(said.contains("'board'") && said.contains("trigger board"), "{said}");
-    let said = write(only("ev9")).unwrap_err().to_string();
-    assert!(said.contains("ev9") && said.contains("davis"), "{said}");
+    let message = write(only("board")).unwrap_err().to_string();
+    assert!(message.contains("'board'") && message.contains("trigger board"), "{message}");
+    let message = write(only("ev9")).unwrap_err().to_string();
+    assert!(message.contains("ev9") && message.contains("davis"), "{message}");
     let mut other = recorded::rig();
     other.cameras.retain(|camera| camera.name == "elsewhere");
-    let said = write(FoxgloveChoice { rig: Some(&other), ..FoxgloveChoice::default() }).unwrap_err().to_string();
-    assert!(said.contains("elsewhere") && said.contains("grey-12"), "{said}");
+    let message = write(FoxgloveChoice { rig: Some(&other), ..FoxgloveChoice::default() }).unwrap_err().to_string();
+    assert!(message.contains("elsewhere") && message.contains("grey-12"), "{message}");
     let names: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(names, ["s.mcap"]);
 }

@@ -110,7 +110,7 @@ fn others_read_every_message_and_our_importer_every_event() {
 
     for (id, pixels) in CAMERAS {
         check_camera(&found, (id, pixels), packets(id), &mut recording);
-        assert!(written.damage.iter().any(|told| told.contains(&format!("1 frames of stream '{id}'"))), "{id}");
+        assert!(written.damage.iter().any(|message| message.contains(&format!("1 frames of stream '{id}'"))), "{id}");
     }
     let frames: Vec<_> =
         recording.frames("davis", ALWAYS_NS, FrameLook::default()).unwrap().map(Result::unwrap).collect();
