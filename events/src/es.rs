@@ -194,9 +194,9 @@ mod tests {
 
     #[test]
     fn other_kinds_and_versions_are_refused_by_name() {
-        let said = |tail: &str| parse_header(&bytes(&format!("4576656e742053747265616d {tail}"))).unwrap_err().1;
-        assert!(said("010000 01 0000 0000").contains("version 1.0.0"));
-        assert!(said("020000 04 0000 0000").contains("no polarity"));
-        assert!(said("020000").contains("ends inside"));
+        let error = |tail: &str| parse_header(&bytes(&format!("4576656e742053747265616d {tail}"))).unwrap_err().1;
+        assert!(error("010000 01 0000 0000").contains("version 1.0.0"));
+        assert!(error("020000 04 0000 0000").contains("no polarity"));
+        assert!(error("020000").contains("ends inside"));
     }
 }

@@ -39,9 +39,9 @@ impl Descriptor {
         };
         let size = if flag(3) { Some(u64::from_le_bytes(take(frame)?)) } else { None };
         let sum = XxHash32::oneshot(0, &whole[..whole.len() - frame.len()]);
-        let [told] = take(frame)?;
+        let [checksum] = take(frame)?;
         let descriptor = Self { independent: flag(5), block_sums: flag(4), content_sum: flag(2), size, block };
-        (told == (sum >> 8) as u8).then_some(descriptor)
+        (checksum == (sum >> 8) as u8).then_some(descriptor)
     }
 }
 
@@ -115,13 +115,13 @@ mod tests {
                 content.truncate(content.len() - cut.min(content.len()));
                 content
             });
-        (content, sizes, any::<[bool; 4]>()).prop_map(|(content, size, [linked, blocks, whole, told])| {
+        (content, sizes, any::<[bool; 4]>()).prop_map(|(content, size, [linked, blocks, whole, sized])| {
             let info = FrameInfo::new()
                 .block_size(size)
                 .block_mode(if linked { BlockMode::Linked } else { BlockMode::Independent })
                 .block_checksums(blocks)
                 .content_checksum(whole)
-                .content_size(told.then_some(content.len() as u64));
+                .content_size(sized.then_some(content.len() as u64));
             let mut encoder = FrameEncoder::with_frame_info(info, Vec::new());
             encoder.write_all(&content).unwrap();
             (content, encoder.finish().unwrap())

@@ -141,7 +141,7 @@ proptest! {
         let mut names = ["t", "x", "y", "p"];
         let mut more = Vec::new();
         let at = at.index(events.len());
-        let said = match which {
+        let field = match which {
             0 => { kinds[0] = Kind::F64; t.iter_mut().for_each(|t| *t *= 1e-6); "events/t" }
             1 => { kinds[3] = Kind::F64; "events/p" }
             2 => { t.iter_mut().for_each(|t| *t += 1.7e18); "no clock has" }
@@ -169,7 +169,7 @@ proptest! {
             }
         }
         let error = read(&path).unwrap_err();
-        prop_assert!(error.contains(said) && error.contains("a.h5"), "{which}: {error}");
+        prop_assert!(error.contains(field) && error.contains("a.h5"), "{which}: {error}");
     }
 
     #[test]
@@ -199,10 +199,10 @@ proptest! {
             Err(error) => {
                 let names = ["x", "y", "p", "t"];
                 let about = lacking.map(|at| format!("no `{}`", names[at]));
-                let is_told = !is_size && error.contains("geometry")
+                let is_named = !is_size && error.contains("geometry")
                     || about.is_some_and(|about| error.contains(&about))
                     || seconds && error.contains("`t`");
-                prop_assert!(is_told, "{geometry} {lacking:?} {seconds}: {error}");
+                prop_assert!(is_named, "{geometry} {lacking:?} {seconds}: {error}");
             }
         }
     }

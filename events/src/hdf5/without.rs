@@ -76,9 +76,9 @@ mod tests {
     fn without_hdf5_it_is_said_how_to_get_it() {
         let path = Path::new("e.h5");
         for error in [open(path).unwrap_err(), create(path, None).unwrap_err()] {
-            let said = error.to_string();
+            let message = error.to_string();
             for word in ["e.h5", "--features hdf5", "libhdf5-dev"] {
-                assert!(said.contains(word), "{said}");
+                assert!(message.contains(word), "{message}");
             }
         }
     }

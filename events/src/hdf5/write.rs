@@ -66,13 +66,13 @@ pub fn create(path: &Path, size: Option<SensorSize>) -> Result<Hdf5Writer, Hdf5E
 /// What the library says begins with what went wrong, and goes on with where it was being written and how the library got there. Where
 /// the system refused, its number is told.
 fn library(path: &Path, error: hdf5::Error) -> Hdf5Error {
-    let said = error.to_string();
-    let number = said.split_once("errno = ").and_then(|(_, rest)| rest.split(',').next()?.parse().ok());
+    let message = error.to_string();
+    let number = message.split_once("errno = ").and_then(|(_, rest)| rest.split(',').next()?.parse().ok());
     if let Some(number) = number {
         return FileError::when("write", path)(io::Error::from_raw_os_error(number)).into();
     }
-    let why = said.split_once("error message = '").and_then(|(_, rest)| rest.split_once('\''));
-    let what = why.map_or(said.as_str(), |(why, _)| why).to_owned();
+    let why = message.split_once("error message = '").and_then(|(_, rest)| rest.split_once('\''));
+    let what = why.map_or(message.as_str(), |(why, _)| why).to_owned();
     Hdf5Error::Library { doing: "write".to_owned(), path: path.to_owned(), what }
 }
 

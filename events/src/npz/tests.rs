@@ -58,8 +58,8 @@ fn an_archive_that_was_made_to_fill_memory_is_refused() {
         archive.need(&["x"], "`x`")
     };
     assert!(need(3 << 20).is_ok());
-    let said = need(2 << 20).unwrap_err().to_string();
-    assert!(said.contains("unpack to more than") && said.contains("bomb.npz"), "{said}");
+    let message = need(2 << 20).unwrap_err().to_string();
+    assert!(message.contains("unpack to more than") && message.contains("bomb.npz"), "{message}");
 }
 
 #[test]

@@ -83,8 +83,8 @@ mod tests {
     #[test]
     fn arrays_that_tell_of_times_are_taken_or_refused_by_name() {
         for name in ["t_offset", "t_ms", "T_NS", "time_unit", "units", "Offset_us"] {
-            let said = archive_with(name).unwrap_err().to_string();
-            assert!(said.contains(&format!("`{name}`")), "{said}");
+            let message = archive_with(name).unwrap_err().to_string();
+            assert!(message.contains(&format!("`{name}`")), "{message}");
         }
         assert!(archive_with("t_us").unwrap_err().to_string().contains("both `t` and `t_us`"));
         for name in ["frames", "note", "ms_to_idx", "threshold", "exposure"] {

@@ -108,11 +108,11 @@ proptest! {
         let read = structured(&bytes, Path::new("a.npy"), Some([1280, 720]));
         let is_named = ["t", "t_us", "timestamp"].contains(&time) && ["", "id"].contains(&more);
         // Whole floating-point numbers may be seconds, but where their name says what they are.
-        let is_told = !is_real || (unit == 1.0) == (time == "t_us");
+        let is_clear = !is_real || (unit == 1.0) == (time == "t_us");
         match read {
-            Ok(read) if !is_told => prop_assert!(time == "t_us" && unit == 1e6 && events.len() < 4, "{time} {read:?}"),
+            Ok(read) if !is_clear => prop_assert!(time == "t_us" && unit == 1e6 && events.len() < 4, "{time} {read:?}"),
             Ok(read) => prop_assert!(is_named && read == events, "{time} {more} {unit} {types:?}"),
-            Err(error) => prop_assert!(!is_named || !is_told, "{error}: {time} {more} {unit} {types:?}"),
+            Err(error) => prop_assert!(!is_named || !is_clear, "{error}: {time} {more} {unit} {types:?}"),
         }
     }
 }

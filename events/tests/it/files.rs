@@ -171,8 +171,8 @@ fn a_header_of_aedat_2_may_be_longer_than_events_and_ends_where_it_says() {
     );
     assert!(anomalies.is_empty());
     let endless = [b"#!AER-DAT2.0\r\n".to_vec(), b"# no end\r\n".repeat(2 << 20)].concat();
-    let said = EventFile::open(&folder.write("b.aedat", &endless)).unwrap_err().to_string();
-    assert!(said.contains("does not end within"), "{said}");
+    let message = EventFile::open(&folder.write("b.aedat", &endless)).unwrap_err().to_string();
+    assert!(message.contains("does not end within"), "{message}");
 }
 
 #[test]
@@ -270,13 +270,13 @@ fn a_header_of_dat_and_its_items_may_not_contradict_each_other() {
             assert!(anomalies.is_empty());
         }
         let wrong = format!("% Version {}\n", 3 - version);
-        let said = EventFile::open(&folder.write("b.dat", &file(&wrong, version))).unwrap_err().to_string();
-        assert!(said.contains(&format!("correct the line to `% Version {version}`")), "{said}");
+        let message = EventFile::open(&folder.write("b.dat", &file(&wrong, version))).unwrap_err().to_string();
+        assert!(message.contains(&format!("correct the line to `% Version {version}`")), "{message}");
     }
-    let said = EventFile::open(&folder.write("c.dat", b"% Width many\n% end\n\x0C\x08")).unwrap_err().to_string();
-    assert!(said.contains("Width `many`"), "{said}");
-    let said = EventFile::open(&folder.write("d.raw", b"% evt 2.0\n% format EVT3;height=7;width=9\n% end\n"));
-    assert!(said.unwrap_err().to_string().contains("its line `evt` 2.0"));
+    let message = EventFile::open(&folder.write("c.dat", b"% Width many\n% end\n\x0C\x08")).unwrap_err().to_string();
+    assert!(message.contains("Width `many`"), "{message}");
+    let opened = EventFile::open(&folder.write("d.raw", b"% evt 2.0\n% format EVT3;height=7;width=9\n% end\n"));
+    assert!(opened.unwrap_err().to_string().contains("its line `evt` 2.0"));
     EventFile::open(&folder.write("e.raw", b"% evt 2.1\n% format EVT21;height=7;width=9\n% end\n")).unwrap();
 }
 
@@ -290,7 +290,7 @@ fn files_of_others_are_named_with_what_converts_them() {
         (b"\x28\xb5\x2f\xfd....", "zstd -d"),
         (b"\x1f\x8b\x08\x00", "gunzip"),
     ] {
-        let said = EventFile::open(&folder.write("a.bin", start)).unwrap_err().to_string();
-        assert!(said.contains(words), "{said}");
+        let message = EventFile::open(&folder.write("a.bin", start)).unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
     }
 }

@@ -40,8 +40,8 @@ proptest! {
         for write in FORMATS {
             prop_assert_eq!(opened(folder.path(), write(sides)), Ok(Some(SensorSize { width, height })));
             let (name, bytes) = write(beyond);
-            let said = opened(folder.path(), (name, bytes)).unwrap_err();
-            prop_assert!(said.contains(name) && said.contains("event sensor") && said.contains("1.5e8 px"), "{}", said);
+            let message = opened(folder.path(), (name, bytes)).unwrap_err();
+            prop_assert!(message.contains(name) && message.contains("event sensor") && message.contains("1.5e8 px"), "{}", message);
         }
     }
 }
@@ -53,8 +53,8 @@ fn archives_that_say_or_need_a_size_that_no_sensor_has_are_refused() {
     let mut events = Events::new(65_535, 65_535);
     events.push(Event { t_us: 1, x: 5, y: 6, on: true });
     npz::write_events(&path, &events).unwrap();
-    let said = npz::read_events(&path, None).unwrap_err().to_string();
-    assert!(said.contains("a.npz") && said.contains("plausible"), "{said}");
+    let message = npz::read_events(&path, None).unwrap_err().to_string();
+    assert!(message.contains("a.npz") && message.contains("plausible"), "{message}");
     let mut events = Events::new(1280, 720);
     events.push(Event { t_us: 1, x: 5, y: 6, on: true });
     npz::write_events(&path, &events).unwrap();

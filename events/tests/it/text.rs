@@ -136,9 +136,9 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let error = read(folder.path(), "a.csv", text.as_bytes()).unwrap_err();
         prop_assert!(matches!(error, EventFileError::Line { line: 1, .. }), "{}", error);
-        let said = error.to_string();
-        prop_assert!(said.contains(&format!("column {} is called `{unknown}`", at + 1)) && said.contains("t_ms"), "{}", said);
-        prop_assert!(said.contains("--columns t_us,x,y,p"), "{}", said);
+        let message = error.to_string();
+        prop_assert!(message.contains(&format!("column {} is called `{unknown}`", at + 1)) && message.contains("t_ms"), "{}", message);
+        prop_assert!(message.contains("--columns t_us,x,y,p"), "{}", message);
     }
 
     #[test]
@@ -184,8 +184,8 @@ proptest! {
         }
         let early = |event: &CdEvent| format!("{},{},{},1\n", event.t_us as i64 - events[2].t_us as i64, event.x, event.y);
         let text: String = events.iter().map(early).collect();
-        let said = read_text(&text).unwrap_err().to_string();
-        prop_assert!(said.contains("before zero"), "{}", said);
+        let message = read_text(&text).unwrap_err().to_string();
+        prop_assert!(message.contains("before zero"), "{}", message);
         // A single one that is damaged is damage.
         let mut lines: Vec<String> = events.iter().map(|event| format!("{},{},{},1\n", event.t_us, event.x, event.y)).collect();
         lines[1] = format!("{},{},{},7\n", events[1].t_us, events[1].x, events[1].y);
@@ -219,13 +219,13 @@ proptest! {
         };
         // Nanoseconds since 1970 are no microseconds, and microseconds no seconds.
         let since_1970 = |t_us: u64| (1_700_000_000_000_000_000 + t_us * 1000).to_string();
-        let said = with("", &since_1970).unwrap_err();
-        prop_assert!(said.contains("no clock has") && said.contains("--columns"), "{}", said);
+        let message = with("", &since_1970).unwrap_err();
+        prop_assert!(message.contains("no clock has") && message.contains("--columns"), "{}", message);
         prop_assert!(with("t_ns", &since_1970).is_ok());
         prop_assert!(with("t_s", &|t_us| (1_700_000_000_000_000 + t_us).to_string()).is_err());
         for begin in [0.0, 3.0, 1_305_031_102.25] {
-            let said = with("t_us", &|t_us| format!("{:.7}", begin + t_us as f64 * 1e-8)).unwrap_err();
-            prop_assert!(said.contains("within a microsecond"), "{}", said);
+            let message = with("t_us", &|t_us| format!("{:.7}", begin + t_us as f64 * 1e-8)).unwrap_err();
+            prop_assert!(message.contains("within a microsecond"), "{}", message);
         }
     }
 
@@ -234,8 +234,8 @@ proptest! {
         let line = |event: &CdEvent| format!("{x},{},{},{}\n", event.y, event.t_us / 1000, u8::from(event.on));
         let text: String = events.iter().map(line).collect();
         let folder = tempfile::tempdir().unwrap();
-        let said = read(folder.path(), "a.csv", text.as_bytes()).unwrap_err().to_string();
-        prop_assert!(said.contains("they look like x,y,t,p"), "{}", said);
+        let message = read(folder.path(), "a.csv", text.as_bytes()).unwrap_err().to_string();
+        prop_assert!(message.contains("they look like x,y,t,p"), "{}", message);
         // Events of one instant are what they are, unless they lie row by row, as times would.
         let mut events = events;
         (events[0].y, events[1].y) = (700, 3);
@@ -300,8 +300,8 @@ proptest! {
             let (found, size, _) = read(folder.path(), "a.csv", text.as_bytes()).unwrap();
             prop_assert_eq!((found, size), (events, Some(SensorSize { width: 1280, height: 720 })));
         } else {
-            let said = read(folder.path(), "a.csv", text.as_bytes()).unwrap_err().to_string();
-            prop_assert!(said.contains("put a line `x,y,p,t` before"), "{}", said);
+            let message = read(folder.path(), "a.csv", text.as_bytes()).unwrap_err().to_string();
+            prop_assert!(message.contains("put a line `x,y,p,t` before"), "{}", message);
         }
     }
 
@@ -321,8 +321,8 @@ proptest! {
         (events[1].y, events[2].y) = (700, 3);
         let folder = tempfile::tempdir().unwrap();
         let text = lines(&events, &[1, 2, 0, 3], " ", 1);
-        let said = read(folder.path(), "a.txt", text.as_bytes()).unwrap_err().to_string();
-        prop_assert!(said.contains("put a line `x,y,t,p` before"), "{}", said);
+        let message = read(folder.path(), "a.txt", text.as_bytes()).unwrap_err().to_string();
+        prop_assert!(message.contains("put a line `x,y,t,p` before"), "{}", message);
         let (found, ..) = read_as(folder.path(), "a.txt", text.as_bytes(), Some("x,y,t,p")).unwrap();
         prop_assert_eq!(found, events);
     }
@@ -352,15 +352,15 @@ fn what_text_leaves_open_is_asked_for() {
         (b"1,2,3,0\n2,2,3,-1\n", &["line 2", "0 in some lines and -1"]),
         (b"10,2,3,0\n11.5,2,3,1\n11,2,3,0\n12,1,1,1\n20000000000,1,1,1\n", &["line 5", "not both are seconds"]),
     ] {
-        let said = refused(text);
-        assert!(words.iter().all(|word| said.contains(word)), "{said}");
+        let message = refused(text);
+        assert!(words.iter().all(|word| message.contains(word)), "{message}");
     }
     // The first 64 KiB say microseconds, and what follows something else.
     let mut long: String = (0..9000).map(|n| format!("{n},2,3,1\n")).collect();
     assert!(long.len() > 80_000);
     long += "9000.5,2,3,1\n";
-    let said = refused(long.as_bytes());
-    assert!(said.contains("line 9001 of") && said.contains("t_ms"), "{said}");
+    let message = refused(long.as_bytes());
+    assert!(message.contains("line 9001 of") && message.contains("t_ms"), "{message}");
 }
 
 #[test]
@@ -395,8 +395,8 @@ fn names_in_latin_1_tell_the_unit() {
     assert_eq!(events[1].t_us, 2000);
     // What is no letter of a unit is none.
     for head in [&b"time [\xe6s],x,y,p\n"[..], b"time [\x83\xcas],x,y,p\n"] {
-        let said = read(folder.path(), "a.csv", &[head, b"1000,1,2,1\n"].concat()).unwrap_err().to_string();
-        assert!(said.contains("column 1 is called"), "{said}");
+        let message = read(folder.path(), "a.csv", &[head, b"1000,1,2,1\n"].concat()).unwrap_err().to_string();
+        assert!(message.contains("column 1 is called"), "{message}");
     }
 }
 
@@ -413,7 +413,7 @@ fn columns_are_for_text_and_say_all_of_an_event() {
         ("", "lacks t, x, y, p"),
         (&"-,".repeat(40), "41 columns"),
     ] {
-        let said = columns.parse::<erfgs_events::TextColumns>().unwrap_err();
-        assert!(said.contains(words) && said.contains("x,y,p,t_us"), "{said}");
+        let message = columns.parse::<erfgs_events::TextColumns>().unwrap_err();
+        assert!(message.contains(words) && message.contains("x,y,p,t_us"), "{message}");
     }
 }
