@@ -163,16 +163,16 @@ impl Video {
             .args(["-v", "quiet", "-select_streams", "v:0", "-count_packets", "-show_entries"])
             .args(["stream=avg_frame_rate,nb_read_packets", "-of", "default=noprint_wrappers=1"])
             .arg(input);
-        let mut said = String::new();
+        let mut output = String::new();
         // It says two lines.
         let keep = |line: &str| {
-            if said.len() < 4096 {
-                said += line;
-                said.push('\n');
+            if output.len() < 4096 {
+                output += line;
+                output.push('\n');
             }
         };
         children::run(command, PATIENCE, keep).ok()?;
-        Probe::of(&said)
+        Probe::of(&output)
     }
 
     /// Begins to decode the first video stream of `path`, frame by frame as stored, without making up or dropping any.
@@ -402,8 +402,8 @@ mod tests {
             }
             assert_eq!(video.next_frame().unwrap(), None);
             if bits > 10 {
-                let said = Video::open_as(&path, Some(10)).unwrap().next_frame().unwrap_err().to_string();
-                assert!(said.contains("--bits") && said.contains(pixels), "{said}");
+                let message = Video::open_as(&path, Some(10)).unwrap().next_frame().unwrap_err().to_string();
+                assert!(message.contains("--bits") && message.contains(pixels), "{message}");
             }
         }
     }

@@ -130,8 +130,8 @@ proptest! {
             if matches!(model, CameraModel::ThinPrismFisheye | CameraModel::RadTanThinPrismFisheye | CameraModel::Fov) {
                 let mut all = all;
                 *all.last_mut().unwrap() = k1;
-                let said = of(model, &all).unwrap_err().to_string();
-                prop_assert!(said.contains(model.name()) && said.contains("OPENCV_FISHEYE"), "{said}");
+                let message = of(model, &all).unwrap_err().to_string();
+                prop_assert!(message.contains(model.name()) && message.contains("OPENCV_FISHEYE"), "{message}");
             }
         }
     }

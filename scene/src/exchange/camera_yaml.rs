@@ -178,7 +178,7 @@ mod tests {
     fn what_is_missing_is_said() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.yaml");
-        for (from, to, said) in [
+        for (from, to, expected) in [
             ("image_width", "w", "no 'image_width'"),
             ("1280", "-3", "number of pixels"),
             ("camera_matrix", "m", "no 'camera_matrix'"),
@@ -188,7 +188,7 @@ mod tests {
         ] {
             std::fs::write(&path, TEXT.replace(from, to)).unwrap();
             let message = read_intrinsics(&path).unwrap_err().to_string();
-            assert!(message.contains(said) && message.contains("a.yaml"), "{message}");
+            assert!(message.contains(expected) && message.contains("a.yaml"), "{message}");
         }
     }
 }

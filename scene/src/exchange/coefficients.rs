@@ -116,8 +116,8 @@ mod tests {
             if let Some((at, value)) = strange {
                 all.resize(14, 0.0);
                 all[at] = value;
-                let said = standard(&all).unwrap_err();
-                prop_assert!(said.contains(NOT_MODELLED[at - 8]), "{said}");
+                let message = standard(&all).unwrap_err();
+                prop_assert!(message.contains(NOT_MODELLED[at - 8]), "{message}");
             }
         }
 

@@ -24,7 +24,7 @@ mod tests {
         assert_eq!(unknown(&keys(&[])), None);
         assert_eq!(unknown(&keys(&["b", "a\n"])).unwrap(), "not known here and left out: a\\n, b");
         let many: BTreeSet<String> = (0..10_000).map(|n| format!("{n}{}", "x".repeat(1000))).collect();
-        let said = unknown(&many).unwrap();
-        assert!(said.ends_with("and 9990 more") && said.len() < 600, "{said}");
+        let note = unknown(&many).unwrap();
+        assert!(note.ends_with("and 9990 more") && note.len() < 600, "{note}");
     }
 }

@@ -145,13 +145,13 @@ fn llff_is_read_as_written() {
     assert_eq!(names, ["cam00", "cam01", "cam02"]);
     assert!(found.warnings.iter().any(|warning| warning == llff::BOUNDS_LEFT_OUT), "{:?}", found.warnings);
     let mut values = NpyArray::decode(&std::fs::read(&path).unwrap()).unwrap().floats().unwrap();
-    for (at, value, said) in
+    for (at, value, expected) in
         [(4, 1e30, "no size"), (9, 0.0, "no size"), (14, -1.0, "focal length is -1 px"), (0, f64::NAN, "finite")]
     {
         let before = std::mem::replace(&mut values[17 + at], value);
         std::fs::write(&path, erfgs_base::npy::encode(&[3, 17], values.iter().copied())).unwrap();
         let message = read(&path).unwrap_err().to_string();
-        assert!(message.contains("cam01") && message.contains(said), "{message}");
+        assert!(message.contains("cam01") && message.contains(expected), "{message}");
         values[17 + at] = before;
     }
 }
@@ -160,20 +160,20 @@ fn llff_is_read_as_written() {
 fn what_a_format_says_beyond_a_rig_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let rig = rig(Distortion::None);
-    let said = |path: &Path| read(path).unwrap().warnings.join("\n");
+    let warnings = |path: &Path| read(path).unwrap().warnings.join("\n");
 
     let model = folder.path().join("model");
     write(&rig, Format::Colmap, &model).unwrap();
-    assert!(!said(&model).contains("points"), "{}", said(&model));
+    assert!(!warnings(&model).contains("points"), "{}", warnings(&model));
     std::fs::write(model.join("points3D.txt"), "7 0.1 0.2 0.3 9 8 7 1.5\n").unwrap();
-    assert!(said(&model).contains("1 points"), "{}", said(&model));
+    assert!(warnings(&model).contains("1 points"), "{}", warnings(&model));
 
     let chain = folder.path().join("camchain.yaml");
     write(&rig, Format::Kalibr, &chain).unwrap();
     let text = std::fs::read_to_string(&chain).unwrap();
-    assert_eq!(said(&chain), "");
+    assert_eq!(warnings(&chain), "");
     std::fs::write(&chain, text.replacen("  camera_model", "  timeshift_cam_imu: 0.01\n  camera_model", 1)).unwrap();
-    assert!(said(&chain).contains("timeshift_cam_imu"), "{}", said(&chain));
+    assert!(warnings(&chain).contains("timeshift_cam_imu"), "{}", warnings(&chain));
     for (from, to, expected) in [
         ("cam1:", "cam4:", "cam2 follows a gap"),
         ("[640, 480]", "[1e30, 480]", "a side of the picture is 1e30"),
@@ -189,10 +189,14 @@ fn what_a_format_says_beyond_a_rig_is_told() {
 
     let matrices = folder.path().join("opencv");
     write(&rig, Format::OpenCv, &matrices).unwrap();
-    assert_eq!(said(&matrices), "");
+    assert_eq!(warnings(&matrices), "");
     let (path, text) = (matrices.join("b.yaml"), std::fs::read_to_string(matrices.join("b.yaml")).unwrap());
     std::fs::write(&path, format!("{text}avg_reprojection_error: 0.2\n")).unwrap();
-    assert!(said(&matrices).contains("b: not known here and left out: avg_reprojection_error"), "{}", said(&matrices));
+    assert!(
+        warnings(&matrices).contains("b: not known here and left out: avg_reprojection_error"),
+        "{}",
+        warnings(&matrices)
+    );
     for (from, to, expected) in
         [("T: ", "t: ", "R and T"), ("500.25, 0.0", "500.25, 0.1", "skew"), ("640", "70000", "image_width")]
     {
@@ -219,8 +223,8 @@ fn what_a_format_says_beyond_a_rig_is_told() {
         "fisheye: 1\ndistortion_model: plumb_bob",
         "fisheye: 1\nfisheye_model: 0",
     ] {
-        let said = lens(&fisheye.replace("fisheye_model: 1", key)).unwrap_err();
-        assert!(said.contains("distortion_model") && said.contains("b.yaml"), "{key}: {said}");
+        let message = lens(&fisheye.replace("fisheye_model: 1", key)).unwrap_err();
+        assert!(message.contains("distortion_model") && message.contains("b.yaml"), "{key}: {message}");
     }
 }
 
@@ -302,7 +306,7 @@ fn caliscope_and_pose2sim_come_back_and_are_read_as_they_write() {
     let camera = read(&path).unwrap().cameras.remove(0);
     assert_eq!((camera.name.as_str(), camera.intrinsics.height, camera.intrinsics.cx), ("cam01", 1920, 544.5));
     assert_eq!(camera.pose.unwrap().translation, DVec3::new(0.8, -0.5, 5.25));
-    for (from, to, said) in [
+    for (from, to, expected) in [
         ("1088.0", "-3", "side"),
         ("1681.5", "nan", "no numbers"),
         ("matrix", "m", "no camera with a matrix"),
@@ -312,7 +316,7 @@ fn caliscope_and_pose2sim_come_back_and_are_read_as_they_write() {
     ] {
         std::fs::write(&path, text.replace(from, to)).unwrap();
         let message = read(&path).unwrap_err().to_string();
-        assert!(message.contains(said) && message.contains("Calib.toml"), "{from}: {message}");
+        assert!(message.contains(expected) && message.contains("Calib.toml"), "{from}: {message}");
     }
 }
 
@@ -398,7 +402,7 @@ fn cameras_of_a_camchain_are_called_by_what_tells_their_topics_apart() {
         }
     }
     std::fs::write(&path, camchain(&["/x/y", "/x/y"])).unwrap();
-    assert!(read(&path).unwrap().warnings.iter().any(|said| said.contains("several cameras are called x_y")));
+    assert!(read(&path).unwrap().warnings.iter().any(|warning| warning.contains("several cameras are called x_y")));
 }
 
 /// Where folders tell the images of cameras apart, and files with and without a byte order mark.
@@ -469,18 +473,18 @@ fn fourteen_coefficients_of_opencv_are_a_lens_in_every_format() {
                     std::array::from_fn(|at| if at < used { terms[at].parse().unwrap() } else { 0.0 });
                 let wanted = if used == 0 { Distortion::None } else { Distortion::BrownConrady(wanted) };
                 assert_eq!(rig.cameras[0].intrinsics.distortion, wanted, "{name}: {count} {key}");
-                assert!(!rig.warnings.iter().any(|said| said.contains("left out")), "{:?}", rig.warnings);
+                assert!(!rig.warnings.iter().any(|warning| warning.contains("left out")), "{:?}", rig.warnings);
             }
             let k = format!("{}, 0.0, 0.25", terms.join(", "));
             std::fs::write(&path, text(key, &k)).unwrap();
-            let said = read(&path).unwrap_err().to_string();
-            assert!(said.contains("s2 = 0.25") && said.contains(name), "{said}");
+            let message = read(&path).unwrap_err().to_string();
+            assert!(message.contains("s2 = 0.25") && message.contains(name), "{message}");
         }
     }
     let twice = opencv("dist_coeffs", "0.1, 0., 0., 0.") + "D: [0.2, 0, 0, 0]\n";
     std::fs::write(folder.path().join("a.yml"), twice).unwrap();
-    let said = read(&folder.path().join("a.yml")).unwrap_err().to_string();
-    assert!(said.contains("dist_coeffs and as D"), "{said}");
+    let message = read(&folder.path().join("a.yml")).unwrap_err().to_string();
+    assert!(message.contains("dist_coeffs and as D"), "{message}");
 }
 
 /// Kalibr's models have four coefficients; programs that write all vectors equally long put zeros behind.
@@ -498,8 +502,8 @@ fn zeros_behind_a_camchains_coefficients_are_none() {
             match read(&path) {
                 Ok(rig) => assert!(is_read && rig.cameras[0].intrinsics.distortion == lens, "{model} {more}"),
                 Err(error) => {
-                    let said = error.to_string();
-                    assert!(!is_read && said.contains(model) && said.contains("cam0"), "{said}");
+                    let message = error.to_string();
+                    assert!(!is_read && message.contains(model) && message.contains("cam0"), "{message}");
                 }
             }
         }

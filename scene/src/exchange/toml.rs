@@ -109,12 +109,12 @@ pub(super) fn read(path: &Path) -> Result<Found, ExchangeError> {
         return Err(malformed(path, "it has no camera with a matrix; is it of caliscope or pose2sim?".into()));
     }
     rig.warnings.extend(notes::unknown(&other));
-    let unit = said_unit(&document).map_err(|what| malformed(path, what))?;
+    let unit = document_unit(&document).map_err(|what| malformed(path, what))?;
     Ok(Found { rig, unit, metres_by_format: numbered.is_some() })
 }
 
 /// The unit of lengths that a document says: it, its `metadata` or a camera. caliscope's board has a unit of its own.
-fn said_unit(document: &Table) -> Result<Option<Unit>, String> {
+fn document_unit(document: &Table) -> Result<Option<Unit>, String> {
     let tables = document.values().chain(document.values().filter_map(Value::as_table).flat_map(Table::values));
     let cameras = tables.filter_map(Value::as_table).filter(|table| table.contains_key("matrix"));
     let metadata = document.get("metadata").and_then(Value::as_table);

@@ -106,14 +106,14 @@ const FARTHEST_M: f64 = 20.0;
 
 /// The rig with its lengths in metres, where these are known; `given` is the unit that the user says.
 pub(super) fn in_metres(path: &Path, found: Found, given: Option<Unit>) -> Result<RigFile, ExchangeError> {
-    let Found { mut rig, unit: said, metres_by_format } = found;
-    if let (Some(said), Some(given)) = (said, given)
-        && said != given
+    let Found { mut rig, unit: file_unit, metres_by_format } = found;
+    if let (Some(file_unit), Some(given)) = (file_unit, given)
+        && file_unit != given
     {
-        let what = format!("it says that its unit is {said}, and the option {given}; leave the option out");
+        let what = format!("it says that its unit is {file_unit}, and the option {given}; leave the option out");
         return Err(ExchangeError::Malformed { path: path.into(), what });
     }
-    match given.or(said) {
+    match given.or(file_unit) {
         Some(unit) => {
             rig.scale(unit.metres());
             rig.metric = true;

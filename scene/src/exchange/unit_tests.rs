@@ -81,14 +81,14 @@ proptest! {
             // Formats that do not fix a unit say that metres were taken.
             Ok(found) => {
                 prop_assert!(as_metres <= 20.0 + 1e-9 && (span(&found) - as_metres).abs() < 1e-6);
-                let is_said = found.warnings.iter().any(|said| said.contains("--units") && said.contains(&format!("{as_metres:.3} m")));
-                prop_assert_eq!(is_said, matches!(format.0, Format::OpenCv | Format::Pose2sim), "{:?}", found.warnings);
+                let is_warned = found.warnings.iter().any(|warning| warning.contains("--units") && warning.contains(&format!("{as_metres:.3} m")));
+                prop_assert_eq!(is_warned, matches!(format.0, Format::OpenCv | Format::Pose2sim), "{:?}", found.warnings);
             }
             Err(error) => {
-                let said = error.to_string();
-                prop_assert!(as_metres > 20.0 - 1e-9, "{said}");
-                prop_assert!(said.contains(&format!("{as_metres:.3} m")) && said.contains("cam_0") && said.contains("cam_2"), "{said}");
-                prop_assert!(said.contains(&format!("--units {unit}")), "{said}");
+                let message = error.to_string();
+                prop_assert!(as_metres > 20.0 - 1e-9, "{message}");
+                prop_assert!(message.contains(&format!("{as_metres:.3} m")) && message.contains("cam_0") && message.contains("cam_2"), "{message}");
+                prop_assert!(message.contains(&format!("--units {unit}")), "{message}");
             }
         }
     }
@@ -101,10 +101,10 @@ fn a_camera_431_metres_away_and_units_that_contradict_each_other_are_refused() {
     one.cameras.truncate(1);
     one.cameras[0].pose.as_mut().unwrap().translation = DVec3::new(0.0, 0.0, 0.431);
     let out = written(folder.path(), FORMATS[1], &one, Unit::Millimetre, false);
-    let said = read(&out).unwrap_err().to_string();
+    let message = read(&out).unwrap_err().to_string();
     assert!(
-        said.contains("431.000 m") && said.contains("the origin") && said.contains("--units mm (0.431 m)"),
-        "{said}"
+        message.contains("431.000 m") && message.contains("the origin") && message.contains("--units mm (0.431 m)"),
+        "{message}"
     );
 
     let out = written(folder.path(), FORMATS[1], &rig(1.0), Unit::Millimetre, true);
@@ -114,8 +114,8 @@ fn a_camera_431_metres_away_and_units_that_contradict_each_other_are_refused() {
         [("unit: cm\n", "cam_1.yaml"), ("", "cam_1.yaml"), ("unit: furlong\n", "furlong"), ("units: 7\n", "no word")]
     {
         std::fs::write(&file, text.replace("unit: mm\n", to)).unwrap();
-        let said = read(&out).unwrap_err().to_string();
-        assert!(said.contains(expected), "{said}");
+        let message = read(&out).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
     }
 }
 

@@ -97,8 +97,8 @@ mod tests {
                     size(&path).err(),
                 ] {
                     assert_eq!(error.is_some(), is_turned, "{name}, {orientation}: {error:?}");
-                    let said = error.map(|error| error.to_string()).unwrap_or_default();
-                    assert!(!is_turned || said.contains(name) && said.contains("EXIF"), "{said}");
+                    let message = error.map(|error| error.to_string()).unwrap_or_default();
+                    assert!(!is_turned || message.contains(name) && message.contains("EXIF"), "{message}");
                 }
             }
         }

@@ -38,8 +38,8 @@ impl RawLook {
     /// What the settings of a recorded stream say, and the default where it says nothing that is understood.
     #[must_use]
     pub fn of_settings(settings: &serde_json::Map<String, serde_json::Value>, encoding: PixelFormat) -> Self {
-        let said = settings.get("raw");
-        said.and_then(|raw| Self::deserialize(raw).ok())
+        let raw = settings.get("raw");
+        raw.and_then(|raw| Self::deserialize(raw).ok())
             .filter(|raw| raw.problem(encoding).is_none())
             .unwrap_or_default()
     }
@@ -127,15 +127,16 @@ mod tests {
 
     #[test]
     fn what_makes_no_sense_is_told_with_what_would() {
-        let told = |encoding, look: RawLook| look.problem(encoding).unwrap_or_default();
+        let problem = |encoding, look: RawLook| look.problem(encoding).unwrap_or_default();
         let plain = RawLook::default();
-        assert_eq!((told(RGGB12, plain), told(PixelFormat::Grey10, plain)), (String::new(), String::new()));
-        assert!(told(PixelFormat::Mjpeg, plain).contains("not for mjpeg"));
-        assert!(told(PixelFormat::Grey8, RawLook { black_level: 200.0, ..plain }).contains("0 to 127.5"));
-        assert!(told(RGGB12, RawLook { white_balance: [0.0, 1.0, 1.0], ..plain }).contains("0.01 to 100"));
+        assert_eq!((problem(RGGB12, plain), problem(PixelFormat::Grey10, plain)), (String::new(), String::new()));
+        assert!(problem(PixelFormat::Mjpeg, plain).contains("not for mjpeg"));
+        assert!(problem(PixelFormat::Grey8, RawLook { black_level: 200.0, ..plain }).contains("0 to 127.5"));
+        assert!(problem(RGGB12, RawLook { white_balance: [0.0, 1.0, 1.0], ..plain }).contains("0.01 to 100"));
         assert!(
-            told(PixelFormat::Grey8, RawLook { white_balance: [2.0, 1.0, 1.0], ..plain }).contains("for Bayer formats")
+            problem(PixelFormat::Grey8, RawLook { white_balance: [2.0, 1.0, 1.0], ..plain })
+                .contains("for Bayer formats")
         );
-        assert!(told(RGGB12, RawLook { black_level: f64::NAN, ..plain }).contains("NaN"));
+        assert!(problem(RGGB12, RawLook { black_level: f64::NAN, ..plain }).contains("NaN"));
     }
 }

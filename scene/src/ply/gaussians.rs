@@ -353,8 +353,11 @@ mod tests {
                 let mut cloud = gaussians(1, 3);
                 spoil(&mut cloud, value);
                 cloud.write(&path).unwrap();
-                let said = GaussianCloud::read(&path).unwrap_err().to_string();
-                assert!(said.contains(property) && said.contains("Gaussian 1") && said.contains("cloud.ply"), "{said}");
+                let message = GaussianCloud::read(&path).unwrap_err().to_string();
+                assert!(
+                    message.contains(property) && message.contains("Gaussian 1") && message.contains("cloud.ply"),
+                    "{message}"
+                );
             }
         }
     }

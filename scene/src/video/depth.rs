@@ -15,13 +15,13 @@ pub(super) fn has_samples_of_16_bits(path: &Path) -> bool {
         .args(["-v", "quiet", "-select_streams", "v:0", "-show_entries", "stream=pix_fmt"])
         .args(["-of", "default=noprint_wrappers=1:nokey=1"])
         .arg(input);
-    let mut said = String::new();
+    let mut pixel_format = String::new();
     let keep = |line: &str| {
-        if said.is_empty() {
-            line.trim().clone_into(&mut said);
+        if pixel_format.is_empty() {
+            line.trim().clone_into(&mut pixel_format);
         }
     };
-    children::run(command, PATIENCE, keep).is_ok() && is_of_16_bits(&said)
+    children::run(command, PATIENCE, keep).is_ok() && is_of_16_bits(&pixel_format)
 }
 
 /// Whether a pixel format of ffmpeg has samples of 16 bits: `gray16le`, `rgb48be`, `rgba64le`, `yuv444p16le`, `bayer_rggb16le`.

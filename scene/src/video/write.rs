@@ -97,16 +97,17 @@ impl VideoWriter {
         if status.success() {
             return Ok(());
         }
-        let said = messages_of(&mut self.messages, status);
+        let message = messages_of(&mut self.messages, status);
         let full =
             [("No space left on device", io::ErrorKind::StorageFull), ("File too large", io::ErrorKind::FileTooLarge)];
-        if let Some((_, kind)) = full.into_iter().find(|(words, _)| said.contains(words)) {
+        if let Some((_, kind)) = full.into_iter().find(|(words, _)| message.contains(words)) {
             return Err(FileError::when("write", &self.path)(kind.into()).into());
         }
         // By the name that the user knows.
         let building = self.place.as_ref().map(|place| place.path().to_string_lossy().into_owned());
-        let said = building.map_or(said.clone(), |building| said.replace(&building, &self.path.to_string_lossy()));
-        Err(VideoError::Encode { path: self.path.clone(), status: status.to_string(), message: said })
+        let message =
+            building.map_or(message.clone(), |building| message.replace(&building, &self.path.to_string_lossy()));
+        Err(VideoError::Encode { path: self.path.clone(), status: status.to_string(), message })
     }
 }
 

@@ -53,12 +53,12 @@ impl Folder {
 
     /// What is said of a rig that no format may read.
     fn refused(&self, rig: &RigFile, (format, name): (Format, &str), quantity: &str) {
-        let said = self.through(rig, format, name).expect_err(&format!("{format}: {quantity}"));
+        let message = self.through(rig, format, name).expect_err(&format!("{format}: {quantity}"));
         let stem = Path::new(name).file_stem().unwrap().to_string_lossy().into_owned();
         // A model of COLMAP is refused by its camera, whose file is the model's.
-        let named = said.contains(&stem) || format == Format::Colmap;
-        assert!(named && said.len() < 600, "{format}: {said}");
-        assert!(said.contains(quantity) && said.contains("plausible"), "{format}: {said}");
+        let named = message.contains(&stem) || format == Format::Colmap;
+        assert!(named && message.len() < 600, "{format}: {message}");
+        assert!(message.contains(quantity) && message.contains("plausible"), "{format}: {message}");
     }
 }
 
@@ -148,8 +148,8 @@ proptest! {
         prop_assert!(through(&|camera| camera.time_offset_s = -offset).is_ok());
         prop_assert!(through(&|camera| camera.sigma = Some(of(sigma, sigma, sigma))).is_ok());
         let says = |change: &dyn Fn(&mut RigCamera), quantity: &str| {
-            let said = through(change).unwrap_err();
-            assert!(said.contains(quantity) && said.contains("rig.json") && said.contains("camera b"), "{said}");
+            let message = through(change).unwrap_err();
+            assert!(message.contains(quantity) && message.contains("rig.json") && message.contains("camera b"), "{message}");
         };
         // 136 years, as a clock of 32 bits tells where it has none.
         for wrong in [4_294_967_295.0, value, -86_401.0] {

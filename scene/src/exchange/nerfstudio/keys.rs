@@ -111,10 +111,10 @@ impl LensKeys {
     }
 
     fn focal_over(&self, file: &Self) -> [Focal; 2] {
-        let is_said = |focal: &Focal| focal.iter().any(Option::is_some);
+        let is_given = |focal: &Focal| focal.iter().any(Option::is_some);
         let ([own_x, own_y], [file_x, [file_y, angle_y]]) = (self.focal(), file.focal());
-        let across = if is_said(&own_x) { own_x } else { file_x };
-        let down = if is_said(&own_y) { own_y } else { [file_y, angle_y.filter(|_| across[0].is_none())] };
+        let across = if is_given(&own_x) { own_x } else { file_x };
+        let down = if is_given(&own_y) { own_y } else { [file_y, angle_y.filter(|_| across[0].is_none())] };
         [across, down]
     }
 

@@ -40,9 +40,10 @@ fn every_radial_coefficient_is_kept_or_refused() {
         assert_eq!(distortion(&keys), Distortion::KannalaBrandt([0.1, 0.2, 0.3, 0.4]));
         assert_eq!(distortion(fisheye), Distortion::KannalaBrandt([0.0; 4]), "no pinhole");
     }
-    for (keys, said) in [("\"k4\": 0.1", "without k4"), ("\"camera_model\": \"OPENCV\", \"k6\": 0.1", "a k5 or k6")] {
+    for (keys, expected) in [("\"k4\": 0.1", "without k4"), ("\"camera_model\": \"OPENCV\", \"k6\": 0.1", "a k5 or k6")]
+    {
         let message = refused(&format!("{SIZE}, {keys}"));
-        assert!(message.contains("a.png") && message.contains("OPENCV") && message.contains(said), "{message}");
+        assert!(message.contains("a.png") && message.contains("OPENCV") && message.contains(expected), "{message}");
     }
     let message = refused(&format!("{SIZE}, \"camera_model\": \"OPENCV_FISHEYE\", \"p1\": 0.1"));
     assert!(message.contains("p1"), "{message}");
@@ -75,7 +76,7 @@ fn a_model_that_is_not_known_is_refused_by_name() {
 
 #[test]
 fn numbers_that_no_camera_has_are_refused() {
-    for (keys, said) in [
+    for (keys, expected) in [
         ("\"w\": 640, \"h\": 480, \"fl_x\": -500.0", "the focal length is"),
         ("\"w\": 640, \"h\": 480, \"fl_x\": NaN", "the focal length is"),
         ("\"w\": 640, \"h\": 480, \"fl_x\": Infinity", "the focal length is"),
@@ -93,7 +94,7 @@ fn numbers_that_no_camera_has_are_refused() {
         ("\"w\": 640, \"h\": 480, \"fl_x\": 500, \"time\": NaN", "time"),
     ] {
         let message = refused(keys);
-        assert!(message.contains("a.png") && message.contains(said), "{keys}: {message}");
+        assert!(message.contains("a.png") && message.contains(expected), "{keys}: {message}");
     }
     let sheared = one(SIZE).replace("[0, 1, 0, 0]", "[0, 2, 0, 0]");
     assert!(read_rig(&sheared).unwrap_err().to_string().contains("no rotation"));
@@ -117,9 +118,9 @@ fn what_is_left_out_is_said() {
     let text = one(&format!("{SIZE}, \"mask_path\": \"m.png\", \"time\": 0.5, \"sharpness\": 9"));
     let text =
         text.replacen('{', "{\"applied_scale\": 2, \"ply_file_path\": \"p.ply\", \"test_filenames\": [\"x\"], ", 1);
-    let said = read_rig(&text).unwrap().warnings.join("\n");
+    let warnings = read_rig(&text).unwrap().warnings.join("\n");
     for word in ["mask_path", "applied_scale", "ply_file_path", "times", "test with", "left out: sharpness"] {
-        assert!(said.contains(word), "{word}: {said}");
+        assert!(warnings.contains(word), "{word}: {warnings}");
     }
     assert_eq!(read_rig(&one(SIZE)).unwrap().warnings.len(), 1, "the unit alone");
 }
@@ -149,8 +150,8 @@ fn frames_of_one_pose_are_one_camera_of_the_rig_and_a_camera_that_moves_is_told(
     let moving = rig_of(&[("r/0.png", 0.0, t0), ("r/1.png", 0.5, Some(0.5)), ("r/2.png", 1.0, t1)]);
     assert_eq!(names(&moving), ["0", "1", "2"]);
     for (rig, moves) in [(still, false), (mixed, false), (alone, false), (moving, true)] {
-        let said = rig.warnings.join("; ");
-        assert_eq!(said.contains("a camera that moves"), moves, "{said}");
+        let warnings = rig.warnings.join("; ");
+        assert_eq!(warnings.contains("a camera that moves"), moves, "{warnings}");
     }
 }
 
@@ -232,8 +233,11 @@ fn a_frames_own_model_takes_no_coefficients_of_another() {
     for fisheye in ["\"camera_model\": \"OPENCV_FISHEYE\"", "\"is_fisheye\": true"] {
         let own = both(&file, &format!("{fisheye}, \"k1\": 0.3")).unwrap();
         assert_eq!(own.distortion, Distortion::KannalaBrandt([0.3, 0.0, 0.0, 0.0]));
-        let said = both(&file, fisheye).unwrap_err();
-        assert!(said.contains("OPENCV_FISHEYE") && said.contains("k1 of the file") && said.contains("a.png"), "{said}");
+        let message = both(&file, fisheye).unwrap_err();
+        assert!(
+            message.contains("OPENCV_FISHEYE") && message.contains("k1 of the file") && message.contains("a.png"),
+            "{message}"
+        );
         let plain = both(&format!("{SIZE}, {fisheye}"), "\"camera_model\": \"OPENCV\"").unwrap();
         assert_eq!(plain.distortion, Distortion::None, "the frame is no fisheye, whatever the file is");
     }
@@ -244,8 +248,8 @@ fn a_frames_own_model_takes_no_coefficients_of_another() {
 #[test]
 fn a_frame_of_another_size_takes_no_pixels_of_the_file() {
     let file = format!("{SIZE}, \"cx\": 310, \"cy\": 250");
-    let said = both(&file, "\"w\": 320, \"h\": 240").unwrap_err();
-    assert!(said.contains("fl_x, cx, cy") && said.contains("a.png"), "{said}");
+    let message = both(&file, "\"w\": 320, \"h\": 240").unwrap_err();
+    assert!(message.contains("fl_x, cx, cy") && message.contains("a.png"), "{message}");
     let i = both(&file, "\"w\": 320, \"h\": 240, \"fl_x\": 250, \"cx\": 155, \"cy\": 125").unwrap();
     assert_eq!((i.width, i.fx, i.fy, i.cx, i.cy), (320, 250.0, 250.0, 155.0, 125.0));
     // An angle holds for any size.
@@ -265,12 +269,12 @@ fn a_list_of_coefficients_is_taken_as_if_they_were_named() {
     assert_eq!(read_rig(&of_file("\"time\": 0")).unwrap().cameras[0].intrinsics.distortion, lens);
     let straight = of_file("\"distortion_params\": [0, 0, 0, 0, 0, 0]");
     assert_eq!(read_rig(&straight).unwrap().cameras[0].intrinsics.distortion, Distortion::None);
-    for (keys, said) in [
+    for (keys, expected) in [
         (format!("{list}, \"k1\": 0.3"), "k1 and distortion_params contradict"),
         ("\"distortion_params\": [0.1, 0.2]".into(), "has 2 numbers"),
         ("\"distortion_params\": [0.1, 0, 0, 0.1, 0, 0], \"camera_model\": \"OPENCV\"".into(), "k4"),
     ] {
         let message = refused(&format!("{SIZE}, {keys}"));
-        assert!(message.contains("a.png") && message.contains(said), "{message}");
+        assert!(message.contains("a.png") && message.contains(expected), "{message}");
     }
 }
