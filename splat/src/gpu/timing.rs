@@ -184,8 +184,8 @@ mod tests {
         run(SET / 2);
         run(2);
         let times = gpu.kernel_times();
-        let told: Vec<_> = times.iter().map(|time| (&*time.kernel, time.dispatches)).collect();
-        assert!(told.contains(&("quick", u64::from(SET / 2) + 2)) && told.contains(&("slow", 2)), "{told:?}");
+        let counts: Vec<_> = times.iter().map(|time| (&*time.kernel, time.dispatches)).collect();
+        assert!(counts.contains(&("quick", u64::from(SET / 2) + 2)) && counts.contains(&("slow", 2)), "{counts:?}");
         let mean = |name: &str| {
             let time = times.iter().find(|time| &*time.kernel == name).expect("a kernel");
             time.seconds / time.dispatches as f64

@@ -4,7 +4,7 @@ use glam::{DQuat, DVec3};
 
 /// How a body turns is told by so many control points, and where it is beside the start's path is carried on by so much from one to the
 /// next.
-const TOLD: usize = 2;
+const TURN_POINTS: usize = 2;
 const KEPT: f64 = 0.75;
 /// A node of a body that bends goes on as it went, by so much less from one control point to the next.
 const ON: f64 = 0.97;
@@ -46,7 +46,7 @@ impl Paths<'_> {
         let ends = |[begin, end]: [f64; 2]| {
             let low = (begin.max(0.0).floor() as usize + 1).min(last);
             let high = (end.max(0.0).floor() as usize + 2).clamp(low, last);
-            [[low + TOLD.min(high - low), low], [high.max(low + TOLD) - TOLD, high]]
+            [[low + TURN_POINTS.min(high - low), low], [high.max(low + TURN_POINTS) - TURN_POINTS, high]]
         };
         for body in (0..self.followed.len()).filter(|&body| self.followed[body]) {
             let [begin, end] = ends(known[body]);

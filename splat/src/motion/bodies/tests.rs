@@ -131,7 +131,7 @@ impl Case {
     fn value(&self, t01: f64, d: &[f32], weights: [f64; 3]) -> f64 {
         let poses = self.poses(t01);
         let carried = self.carried(&poses);
-        let said = carried.iter().zip(d.chunks_exact(CORE)).map(|(row, d)| {
+        let terms = carried.iter().zip(d.chunks_exact(CORE)).map(|(row, d)| {
             let d = |k: usize| f64::from(d[k]);
             row.place.dot(DVec3::new(d(0), d(1), d(2)))
                 + row.turn.dot(DVec4::new(d(6), d(7), d(8), d(9)))
@@ -139,7 +139,7 @@ impl Case {
         });
         let bodies = self.gates.len();
         let nodes: Vec<_> = self.nodes.iter().zip(&poses[bodies..]).map(|((_, node), pose)| (*node, *pose)).collect();
-        said.sum::<f64>() + self.together(&nodes, weights)
+        terms.sum::<f64>() + self.together(&nodes, weights)
     }
 
     /// What holds nodes together, and those of the third body less.

@@ -43,7 +43,7 @@ fn products_of_every_tile_follow_plain_sums() {
     let written_out = Products::with(&gpu, 0, WRITTEN_OUT).expect("room");
     let narrow = [(&written_out, [515, 16, 1]), (&written_out, [129, 14, 16])];
     for (products, [rows, inputs, outputs]) in all.into_iter().chain(narrow) {
-        let said = format!("{rows} rows of {inputs} to {outputs}");
+        let case = format!("{rows} rows of {inputs} to {outputs}");
         let layer = Layer { inputs, outputs, weight: 5, bias: 5 + inputs * outputs + 7 };
         let parameters = noise(1, layer.bias + outputs);
         let (x, d, mask) = (Within::new(2, rows, inputs), Within::new(3, rows, outputs), Within::new(4, rows, inputs));
@@ -65,7 +65,7 @@ fn products_of_every_tile_follow_plain_sums() {
         let weight = |input: usize, output: usize| value(&parameters, layer.weight + output * inputs + input);
         let close = |is: f64, should: f64, terms: usize, what: &str| {
             let bound = 1e-6 * (terms as f64 + 10.0);
-            assert!((is - should).abs() < bound, "{what}, {said}: {is} and {should}");
+            assert!((is - should).abs() < bound, "{what}, {case}: {is} and {should}");
         };
         let (x_at, d_at) = (x.place(&xs), d.place(&ds));
 
@@ -91,7 +91,7 @@ fn products_of_every_tile_follow_plain_sums() {
                 (expected_x[place], expected_masked[place]) = (got_x[place], got_masked[place]);
             }
         }
-        assert_eq!((got, got_x, got_masked), (expected_out, expected_x, expected_masked), "{said}");
+        assert_eq!((got, got_x, got_masked), (expected_out, expected_x, expected_masked), "{case}");
 
         // Gradients are added to what was there, which were the parameters.
         let got = read(&gradients, parameters.len());
@@ -118,6 +118,6 @@ fn products_of_every_tile_follow_plain_sums() {
             );
             expected[place] = got[place];
         }
-        assert_eq!(got, expected, "{said}");
+        assert_eq!(got, expected, "{case}");
     }
 }
