@@ -23,9 +23,9 @@ impl Background {
     pub fn start(name: &str) -> io::Result<Self> {
         let runtime = runtime::Builder::new_current_thread().enable_all().max_blocking_threads(4).build()?;
         let handle = runtime.handle().clone();
-        let (quit, told) = oneshot::channel();
+        let (quit, quit_signal) = oneshot::channel();
         let thread = thread::Builder::new().name(name.into()).spawn(move || {
-            let _ = runtime.block_on(told);
+            let _ = runtime.block_on(quit_signal);
             runtime.shutdown_background();
         })?;
         Ok(Self { runtime: handle, quit: Some(quit), thread: Some(thread) })

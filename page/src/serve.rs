@@ -396,7 +396,7 @@ mod tests {
     #[test]
     fn an_address_that_is_taken_is_named() {
         let server = serve(PATIENCE);
-        let said = Server::listen(server.address()).unwrap_err().to_string();
-        assert!(said.contains(&server.address().to_string()) && said.contains("port 0"), "{said}");
+        let message = Server::listen(server.address()).unwrap_err().to_string();
+        assert!(message.contains(&server.address().to_string()) && message.contains("port 0"), "{message}");
     }
 }

@@ -24,9 +24,9 @@ fn words(error: &dyn StdError) -> String {
     let mut words = error.to_string();
     let mut cause = error.source();
     while let Some(error) = cause {
-        let said = error.to_string();
-        if !words.contains(&said) {
-            words = format!("{words}: {said}");
+        let message = error.to_string();
+        if !words.contains(&message) {
+            words = format!("{words}: {message}");
         }
         cause = error.source();
     }

@@ -65,8 +65,8 @@ impl Rig {
     #[getter]
     fn warnings(&self) -> Vec<String> {
         let of_cameras = self.file.cameras.iter();
-        let of_cameras =
-            of_cameras.flat_map(|camera| camera.warnings.iter().map(move |said| format!("{}: {said}", camera.name)));
+        let of_cameras = of_cameras
+            .flat_map(|camera| camera.warnings.iter().map(move |warning| format!("{}: {warning}", camera.name)));
         self.file.warnings.iter().cloned().chain(of_cameras).collect()
     }
 

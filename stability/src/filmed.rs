@@ -274,12 +274,12 @@ impl Filmed {
                 }
             }
         }
-        let told = if known {
+        let metadata = if known {
             [(PointCloudFile::RUNS.to_owned(), serde_json::to_value(runs)?)].into()
         } else {
             Default::default()
         };
-        dataset.set_points(&cloud, "known", told)?;
+        dataset.set_points(&cloud, "known", metadata)?;
         dataset.hash_files()?;
         dataset.save()?;
         Ok(Dataset::load(root)?)

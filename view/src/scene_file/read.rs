@@ -206,9 +206,9 @@ mod tests {
         let bytes = encoder.finish().unwrap();
         assert!(bytes.len() as u64 * ROOM_FOR_EACH < ROOM, "{} bytes", bytes.len());
         std::fs::write(&path, bytes).unwrap();
-        let said = SceneFile::open(&path).unwrap_err().to_string();
+        let message = SceneFile::open(&path).unwrap_err().to_string();
         std::fs::remove_file(&path).unwrap();
-        assert!(said.contains("unpacks to more than"), "{said}");
+        assert!(message.contains("unpacks to more than"), "{message}");
     }
 
     /// Time in proportion to the square of their number would be an hour.
