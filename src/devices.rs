@@ -83,14 +83,14 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
     let ports = trigger::ports();
     let ports = if arguments.probe {
-        let said = trigger::find(&ports).into_iter().map(|(port, found)| {
+        let probed = trigger::find(&ports).into_iter().map(|(port, found)| {
             let answer = match found {
                 Ok(board) => format!("trigger board, firmware {}", board.identity.firmware),
                 Err(error) => error.to_string(),
             };
             Port { port, answer: Some(answer) }
         });
-        said.collect()
+        probed.collect()
     } else {
         ports.into_iter().map(|port| Port { port, answer: None }).collect()
     };

@@ -52,14 +52,14 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
         eprintln!("{}", printable(&error.to_string()));
         return ExitCode::from(130);
     }
-    let mut said = printable(&error.to_string());
-    eprintln!("error: {said}");
+    let mut message = printable(&error.to_string());
+    eprintln!("error: {message}");
     for cause in error.chain().skip(1).map(|cause| printable(&cause.to_string())) {
         // Library messages often quote their source already.
-        if !said.contains(&cause) {
+        if !message.contains(&cause) {
             eprintln!("  because: {cause}");
         }
-        said = cause;
+        message = cause;
     }
     if error.is::<Usage>() {
         eprintln!("  see `erfgs --help`");

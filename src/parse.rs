@@ -143,7 +143,7 @@ mod tests {
     fn numbers_of_options_are_held_within_their_range() {
         assert_eq!(within(0.0, 100.0)("20"), Ok(20.0));
         for wrong in ["-1", "100.1", "nan", "inf", "1e308", "x", ""] {
-            assert!(within(0.0, 100.0)(wrong).is_err_and(|said| said.contains("0 to 100")), "{wrong}");
+            assert!(within(0.0, 100.0)(wrong).is_err_and(|message| message.contains("0 to 100")), "{wrong}");
         }
         assert_eq!(seconds("7200"), Ok(7200.0));
         for wrong in ["-1", "nan", "inf", "1e300", "1e10"] {

@@ -147,10 +147,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     terminal.note("Ctrl-C ends the page");
     // Kept until the page ends: a browser may take its time.
     let _entrance = if arguments.no_browser { None } else { open_browser(&page) };
-    let mut told = 0;
+    let mut shown = 0;
     while !stop.load(Ordering::Relaxed) {
-        for Compared { camera, t01, mode, psnr_db, worst } in page.compared().into_iter().skip(told) {
-            told += 1;
+        for Compared { camera, t01, mode, psnr_db, worst } in page.compared().into_iter().skip(shown) {
+            shown += 1;
             terminal.note(format!(
                 "{camera} at {t01:.2}, {mode}: {psnr_db:.1} dB against this machine's rendering, {worst} of 255 at most"
             ));

@@ -166,8 +166,8 @@ impl Work<'_> {
     /// The dataset of a take, with its points, and its bodies where a method needs them.
     fn film(&self, take: &Take, ideal: bool, bodies: bool) -> anyhow::Result<()> {
         let bar = self.terminal.progress(&format!("filming {}", take.name(ideal)));
-        let told = |step: Progress| bar.update(step.done, step.total, step.what);
-        let mut dataset = take.film(self.datasets, self.size(), ideal, &told)?;
+        let report = |step: Progress| bar.update(step.done, step.total, step.what);
+        let mut dataset = take.film(self.datasets, self.size(), ideal, &report)?;
         drop(bar);
         // An act without bodies has no row of the methods that start from them.
         starts::give(&mut dataset, self.arguments.small, bodies, self.terminal)

@@ -101,8 +101,8 @@ mod tests {
         assert_eq!(label(SfmStep::Refining, 1, None), "refining");
         let terminal = Terminal::default();
         let steps = Steps::new(&terminal, Some(3));
-        let told = steps.during(|tell| {
-            let mut told = Vec::new();
+        let states = steps.during(|tell| {
+            let mut states = Vec::new();
             for (step, done) in [
                 (SfmStep::Images, 0),
                 (SfmStep::Images, 5),
@@ -113,11 +113,11 @@ mod tests {
             ] {
                 tell(step, done, 5);
                 let now = steps.now.lock().unwrap();
-                told.push((now.run, now.step.as_ref().map(|(step, ..)| *step)));
+                states.push((now.run, now.step.as_ref().map(|(step, ..)| *step)));
             }
-            told
+            states
         });
-        let runs: Vec<usize> = told.iter().map(|(run, _)| *run).collect();
+        let runs: Vec<usize> = states.iter().map(|(run, _)| *run).collect();
         assert_eq!(runs, [1, 1, 1, 1, 2, 2]);
         assert!(steps.now.lock().unwrap().step.is_none());
     }

@@ -9,11 +9,11 @@ const LONGEST_LIST: usize = 12;
 
 /// A name and its value, for each setting; what was not applied comes first, since somebody should know.
 pub fn rows(settings: &Map<String, Value>) -> Vec<[String; 2]> {
-    let told = |(name, value): (&String, &Value)| {
+    let row = |(name, value): (&String, &Value)| {
         let text = text(value);
         (!LEFT_OUT.contains(&name.as_str()) && !text.is_empty()).then(|| [name.clone(), text])
     };
-    let mut rows: Vec<[String; 2]> = settings.iter().filter_map(told).collect();
+    let mut rows: Vec<[String; 2]> = settings.iter().filter_map(row).collect();
     rows.sort_by_key(|[name, _]| name != "not_applied");
     rows
 }

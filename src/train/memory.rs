@@ -68,17 +68,17 @@ mod tests {
     #[test]
     fn a_device_with_too_little_is_warned_of_with_what_takes_most_and_what_to_lower() {
         let enough = words(Some(9), Part::Gaussians, None);
-        for told in ["a card", "2.0 GiB", "30,000", "9.0 GiB", "400,000", "9.0 GiB of its own"] {
-            assert!(enough.contains(told), "{told}: {enough}");
+        for expected in ["a card", "2.0 GiB", "30,000", "9.0 GiB", "400,000", "9.0 GiB of its own"] {
+            assert!(enough.contains(expected), "{expected}: {enough}");
         }
         assert_eq!(enough.lines().count(), 1);
         let unknown = words(None, Part::Gaussians, None);
         assert!(unknown.contains("is not known") && unknown.lines().count() == 1, "{unknown}");
         let later = words(Some(8), Part::Renderings, Some(200_000));
-        for told in
+        for expected in
             ["may run out", "5.0 GiB, goes to renderings", "density.max_gaussians=200000", "--scale", "--adapter"]
         {
-            assert!(later.contains(told), "{told}: {later}");
+            assert!(later.contains(expected), "{expected}: {later}");
         }
         let at_once = words(Some(1), Part::FramesAndEvents, None);
         assert!(at_once.contains("from the start") && at_once.contains("--device-memory"), "{at_once}");
