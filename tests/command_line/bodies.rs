@@ -90,8 +90,8 @@ pub fn give_bodies(dataset: &Path) {
 fn a_run_with_bodies_is_shown_exported_and_described() {
     let folder = Folder::new();
     film_small(&folder);
-    let said = folder.fail(1, "train ds --out none --motion bodies --iterations 2+2 -q");
-    assert!(said.contains("erfgs dataset bodies"), "{said}");
+    let stderr = folder.fail(1, "train ds --out none --motion bodies --iterations 2+2 -q");
+    assert!(stderr.contains("erfgs dataset bodies"), "{stderr}");
     give_bodies(&folder.path("ds"));
     let described = folder.succeed("info ds");
     assert!(described.contains("disc: in view from 0.000 to 0.300 s, 120 points"), "{described}");
@@ -103,8 +103,8 @@ fn a_run_with_bodies_is_shown_exported_and_described() {
     let free = "--set eds.from=5 --set eds.every=1 --set eds.until=1.0 --set eds.min_events=1 --set eds.tolerance_px=8 \
                 --set eds.depths=64 --set free_time.knots=2 --set bodies.trial=0 --set bodies.spacing_px=0";
     folder.succeed(&format!("train ds --out run --motion bodies --iterations 20+30 {free} -q"));
-    let told = folder.succeed("info run");
-    assert!(told.contains("bodies") && told.contains("2: disc, <b>ball"), "{told}");
+    let info = folder.succeed("info run");
+    assert!(info.contains("bodies") && info.contains("2: disc, <b>ball"), "{info}");
     assert_eq!(folder.figures("info run")["run"]["bodies"], serde_json::json!(["disc", "<b>ball"]));
 
     // ERF-GS takes what bodies there are, unless it is told not to; the baseline stays what it is.
@@ -237,8 +237,8 @@ fn a_trial_tells_bodies_from_what_is_none_and_is_made_once() {
     assert!(refused.contains("all bodies") && refused.contains("free-time"), "{refused}");
     let train = "train ds --out run --motion bodies --iterations 60+240 --seed 3 --no-evaluation --resume";
     let output = folder.run(train);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success() && said.contains("trial of 60 iterations"), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && stderr.contains("trial of 60 iterations"), "{stderr}");
     let trial: serde_json::Value =
         serde_json::from_slice(&std::fs::read(folder.path("run/trial.json")).expect("a trial")).expect("JSON");
     let carries = |name: &str| {

@@ -24,8 +24,8 @@ fn a_stereo_pair_is_calibrated_reported_and_converted() {
     assert!(page.contains("Residuals of right") && page.contains("solver time"));
     let known = folder.figures(&format!("calibrate board pairs {CHESSBOARD} --rig rig.json --out again.json"));
     assert_eq!(known["cameras"][0]["intrinsics"], rig["cameras"][0]["intrinsics"]);
-    let said = folder.succeed("calibrate convert rig.json --to colmap --out model");
-    assert!(said.contains("uncertainties"), "{said}");
+    let stdout = folder.succeed("calibrate convert rig.json --to colmap --out model");
+    assert!(stdout.contains("uncertainties"), "{stdout}");
     let back = folder.figures("calibrate convert model --to rig --out back.json");
     assert_eq!(back["cameras"], 2);
     let message = folder.fail(1, "calibrate convert rig.json --to kalibr --out camchain.yaml");
@@ -72,13 +72,13 @@ fn a_sessions_calibration_pictures_are_found_and_what_is_not_looked_at_is_said()
     std::fs::rename(folder.path("pairs"), folder.path("session/calibration_images")).unwrap();
     std::fs::write(folder.path("session/mouse1.mp4"), "a film of something else").unwrap();
     let output = folder.run(&format!("calibrate board session {CHESSBOARD} --out rig.json"));
-    let said = String::from_utf8_lossy(&output.stderr);
+    let stderr = String::from_utf8_lossy(&output.stderr);
     for word in [
         "looking for the board in session/calibration_images",
         "mouse1.mp4",
         "left: the board is seen in 13 of 13 frames of",
     ] {
-        assert!(output.status.success() && said.contains(word), "{word}: {said}");
+        assert!(output.status.success() && stderr.contains(word), "{word}: {stderr}");
     }
     assert!(folder.fail(2, &format!("calibrate board session {CHESSBOARD} --clear")).contains("has no markers"));
 }
@@ -256,8 +256,8 @@ fn a_camera_called_as_a_path_is_written_below_the_output_alone() {
     };
     write(&[camera("../../x"), camera("a b")]);
     for format in ["colmap", "kalibr", "opencv", "ros", "nerfstudio", "llff", "caliscope", "pose2sim"] {
-        let said = folder.succeed(&format!("calibrate convert rig.json --to {format} --out out/{format}"));
-        assert!(said.contains("it is called _.._.._x there"), "{format}: {said}");
+        let stdout = folder.succeed(&format!("calibrate convert rig.json --to {format} --out out/{format}"));
+        assert!(stdout.contains("it is called _.._.._x there"), "{format}: {stdout}");
     }
     let images = std::fs::read_to_string(folder.path("out/colmap/images.txt")).unwrap();
     assert!(images.contains("_.._.._x.png") && images.contains("a_b.png"), "{images}");

@@ -23,13 +23,13 @@ fn film_at_other_times(folder: &Folder) {
 }
 
 /// How far the times of cameras are from the truth, milliseconds, beside each other: root mean square from their mean.
-fn apart(folder: &Folder, told: &[CameraTime]) -> f64 {
+fn apart(folder: &Folder, times: &[CameraTime]) -> f64 {
     let [truth, off] = ["ds", "off"].map(|name| Dataset::load(&folder.path(name)).expect("a dataset"));
     let errors: Vec<f64> = truth
         .cameras(Split::Train)
         .zip(off.cameras(Split::Train))
         .map(|(truth, off)| {
-            let found = told.iter().find(|of| of.camera == off.name).map_or(0.0, |of| of.late_ms);
+            let found = times.iter().find(|of| of.camera == off.name).map_or(0.0, |of| of.late_ms);
             1e-6 * (off.frames[0].t_ns - truth.frames[0].t_ns) as f64 + found
         })
         .collect();
@@ -46,10 +46,10 @@ fn cameras_that_look_at_other_times_are_found() {
         "train off --method 4dgs --iterations 100+500 --no-evaluation --set camera_colour.enabled=false \
          --set camera_pose.enabled=false --set camera_time.rate=[0.04,0.002] --out found",
     );
-    let told = RunFolder::open(folder.path("found")).expect("a run").read_info().expect("told").camera_times;
-    let (before, after) = (apart(&folder, &[]), apart(&folder, &told));
+    let times = RunFolder::open(folder.path("found")).expect("a run").read_info().expect("told").camera_times;
+    let (before, after) = (apart(&folder, &[]), apart(&folder, &times));
     println!("{before} ms apart before, {after} after");
-    assert_eq!(told.len(), 8);
+    assert_eq!(times.len(), 8);
     assert!(after < 0.4 * before, "{after} ms apart, {before} before");
 }
 

@@ -77,16 +77,16 @@ fn what_a_training_takes_of_a_device_is_foretold() {
                 let (foretold, taken, gaussians) = trained(&folder, ds, config.clone(), shape);
                 let [begun, allowed] = foretold.gaussians;
                 let ratio = foretold.most as f64 / taken as f64;
-                let said = format!(
+                let line = format!(
                     "{what}, {ds}, {shape:?}: {:.1} to {:.1} MB for {begun} to {allowed} Gaussians; {:.1} MB taken with {gaussians}: {ratio:.2}",
                     foretold.start as f64 * 1e-6,
                     foretold.most as f64 * 1e-6,
                     taken as f64 * 1e-6
                 );
-                println!("{said}");
+                println!("{line}");
                 let grown = begun < gaussians && gaussians <= allowed && 4 * gaussians >= 3 * allowed;
                 if !grown || !(1.0..=FACTOR).contains(&ratio) || foretold.start >= foretold.most {
-                    wrong.push(said);
+                    wrong.push(line);
                 }
             }
         }
@@ -98,22 +98,22 @@ fn what_a_training_takes_of_a_device_is_foretold() {
 fn what_a_training_will_take_is_told_before_it_and_what_to_do_where_it_may_be_too_much() {
     let folder = Folder::with_stage("ds");
     let train = "train ds --iterations 1+1 --no-evaluation";
-    let said = |words: &str| String::from_utf8_lossy(&folder.run(words).stderr).into_owned();
-    let plain = said(&format!("{train} --out plain --set density.max_gaussians=3000"));
+    let stderr = |words: &str| String::from_utf8_lossy(&folder.run(words).stderr).into_owned();
+    let plain = stderr(&format!("{train} --out plain --set density.max_gaussians=3000"));
     assert!(
         plain.contains("memory of ") && plain.contains("density.max_gaussians") && plain.contains("free"),
         "{plain}"
     );
     assert!(!plain.contains("may run out"), "{plain}");
     // No machine has so much; it begins with few, and may never come to have them.
-    let many = said(&format!("{train} --out many --set density.max_gaussians=100000000"));
+    let many = stderr(&format!("{train} --out many --set density.max_gaussians=100000000"));
     assert!(many.contains("may run out of memory") && many.contains("goes to"), "{many}");
     let setting = many.split("enough with --set density.max_gaussians=").nth(1);
     let setting = setting.and_then(|rest| rest.split(' ').next()).and_then(|number| number.parse::<u32>().ok());
     let setting = setting.unwrap_or_else(|| panic!("how many fit: {many}"));
     assert!(setting > 100_000 && setting < 100_000_000, "{many}");
     assert!(folder.path("many/checkpoint.bin").is_file(), "{many}");
-    let fewer = said(&format!(
+    let fewer = stderr(&format!(
         "{train} --out fewer --set density.max_gaussians={} --set eds.max_gaussians={}",
         setting / 2,
         setting / 2

@@ -74,8 +74,8 @@ fn digests_are_those_of_the_fields_whatever_the_format() {
     }
     let sized = folder.figures("info e.csv --size 640x480");
     assert!(sized["anomalies"]["outside"].as_u64() > Some(1000), "{sized}");
-    let said = folder.fail(1, "info e.npz --size 640x480");
-    assert!(said.contains("e.npz") && said.contains("1280 x 720"), "{said}");
+    let stderr = folder.fail(1, "info e.npz --size 640x480");
+    assert!(stderr.contains("e.npz") && stderr.contains("1280 x 720"), "{stderr}");
 }
 
 #[test]
@@ -103,8 +103,8 @@ fn decoding_is_measured_in_events_a_second() {
         let expected = 5000.0 / figure("seconds") * 1e-6;
         assert!((figure("Mev_per_s") / expected - 1.0).abs() < 1e-9, "{bench}");
     }
-    let said = folder.fail(2, "bench decode e.npz");
-    assert!(said.contains("NPZ") && said.contains("RAW"), "{said}");
+    let stderr = folder.fail(2, "bench decode e.npz");
+    assert!(stderr.contains("NPZ") && stderr.contains("RAW"), "{stderr}");
 }
 
 /// With the feature, `session/tests/it/hdf5.rs` reads and writes such files.
@@ -113,9 +113,9 @@ fn decoding_is_measured_in_events_a_second() {
 fn without_hdf5_it_is_said_how_to_get_it() {
     let folder = Folder::new();
     fs::write(folder.path("e.h5"), b"\x89HDF\r\n\x1a\n").expect("written");
-    let said = folder.fail(1, "info e.h5 --digest");
+    let stderr = folder.fail(1, "info e.h5 --digest");
     for word in ["e.h5", "--features hdf5", "libhdf5-dev"] {
-        assert!(said.contains(word), "{said}");
+        assert!(stderr.contains(word), "{stderr}");
     }
 }
 
@@ -125,8 +125,8 @@ fn what_has_no_events_has_no_digests() {
     let npz: Value = folder.figures("info ds/events/event00.npz --digest");
     assert_eq!(npz["sha3_224_of_field"]["on"].as_str().map(str::len), Some(56));
     for path in ["ds", "ds/dataset.json", "ds/points.ply"] {
-        let said = folder.fail(2, &format!("info {path} --digest"));
-        assert!(said.contains("--digest") && said.contains(path), "{said}");
+        let stderr = folder.fail(2, &format!("info {path} --digest"));
+        assert!(stderr.contains("--digest") && stderr.contains(path), "{stderr}");
     }
 }
 
@@ -142,14 +142,14 @@ fn columns_are_what_the_user_says_in_every_command_that_reads_text() {
         "replay a.csv --speed max",
         "bench decode a.csv",
     ] {
-        let said = folder.fail(1, command);
-        assert!(said.contains("line 1 of a.csv") && said.contains("--columns t_us,x,y,p"), "{command}: {said}");
+        let stderr = folder.fail(1, command);
+        assert!(stderr.contains("line 1 of a.csv") && stderr.contains("--columns t_us,x,y,p"), "{command}: {stderr}");
         folder.succeed(&format!("{command} --columns -,x,y,t_ms,p"));
     }
     for read in ["info a.csv --columns -,x,y,t_ms,p", "info a.npz"] {
         let found = folder.figures(read);
         assert_eq!([&found["events"], &found["first_us"], &found["last_us"]], [49, 1000, 49_000], "{read}");
     }
-    let said = folder.fail(1, "export a.mcap --to csv --columns x,y,t,p --out b.csv");
-    assert!(said.contains("a session and no text"), "{said}");
+    let stderr = folder.fail(1, "export a.mcap --to csv --columns x,y,t,p --out b.csv");
+    assert!(stderr.contains("a session and no text"), "{stderr}");
 }

@@ -25,8 +25,8 @@ fn bodies_are_found_shown_and_corrected() {
 
     let edit = |text: &str| std::fs::write(folder.path("edits.toml"), text).expect("corrections");
     edit("[[turn]]\nbody = \"body0\"\nrate_rad_s = [0.0, 0.0, 4.0]\n");
-    let told = folder.succeed("dataset bodies ds --edit edits.toml");
-    assert!(told.contains("as was said"), "{told}");
+    let stdout = folder.succeed("dataset bodies ds --edit edits.toml");
+    assert!(stdout.contains("as was said"), "{stdout}");
     let manifest = std::fs::read_to_string(folder.path("ds/dataset.json")).expect("a manifest");
     assert!(manifest.contains("\"edits\""), "the manifest says what was corrected");
     for (text, why) in [

@@ -39,11 +39,11 @@ fn wrong_usage_ends_with_code_2_and_says_what_is_right() {
         ("info ds --columns x,y,p,t", "--columns is for events as text"),
         ("info a.csv --columns x,y,p", "lacks t"),
     ] {
-        let said = folder.fail(2, words);
-        assert!(said.contains(hint), "erfgs {words}: {said}");
+        let stderr = folder.fail(2, words);
+        assert!(stderr.contains(hint), "erfgs {words}: {stderr}");
     }
-    let said = folder.fail(1, "dataset import panoptic x --fps 0 --out y");
-    assert!(said.contains("--fps") && said.contains("a rate is 0 Hz"), "{said}");
+    let stderr = folder.fail(1, "dataset import panoptic x --fps 0 --out y");
+    assert!(stderr.contains("--fps") && stderr.contains("a rate is 0 Hz"), "{stderr}");
     assert!(!folder.path("run").exists(), "nothing is begun");
 }
 
@@ -94,8 +94,8 @@ fn what_is_missing_is_named() {
         ("doctor --adapter no-such-adapter", "no-such-adapter"),
         ("train ds --out run --adapter no-such-adapter", "no-such-adapter"),
     ] {
-        let said = folder.fail(1, words);
-        assert!(said.contains(hint), "erfgs {words}: {said}");
+        let stderr = folder.fail(1, words);
+        assert!(stderr.contains(hint), "erfgs {words}: {stderr}");
     }
 }
 
@@ -124,8 +124,8 @@ fn a_damaged_dataset_is_refused_with_file_and_camera() {
         folder.succeed("dataset check ds");
         damage(&folder);
         for words in ["dataset check ds", "train ds --iterations 1+1 --out run"] {
-            let said = folder.fail(1, words);
-            assert!(said.contains(hint), "erfgs {words}: {said} (should name {hint})");
+            let stderr = folder.fail(1, words);
+            assert!(stderr.contains(hint), "erfgs {words}: {stderr} (should name {hint})");
         }
     }
 }

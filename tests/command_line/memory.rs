@@ -10,13 +10,13 @@ const TRAIN: &str = "train ds --method erf-gs --iterations 20+20 --seed 3 --dete
 #[test]
 fn frames_and_events_that_are_read_again_teach_the_same() {
     let folder = Folder::with_stage("ds");
-    let said = folder.run(&format!("{TRAIN} --out kept --memory 1"));
-    assert!(said.status.success() && !String::from_utf8_lossy(&said.stderr).contains("--memory"), "{said:?}");
+    let output = folder.run(&format!("{TRAIN} --out kept --memory 1"));
+    assert!(output.status.success() && !String::from_utf8_lossy(&output.stderr).contains("--memory"), "{output:?}");
     // No frame, and some; there are some thousand events.
     for (run, memory) in [("none", "0"), ("some", "4e-5")] {
-        let said = folder.run(&format!("{TRAIN} --out {run} --memory {memory}"));
-        let text = String::from_utf8_lossy(&said.stderr);
-        assert!(said.status.success() && text.contains("of them are kept in memory (--memory)"), "{text}");
+        let output = folder.run(&format!("{TRAIN} --out {run} --memory {memory}"));
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success() && text.contains("of them are kept in memory (--memory)"), "{text}");
         assert!(text.contains("events are kept in temporary files"), "{text}");
         let left: Vec<_> =
             fs::read_dir(folder.path(run)).expect("a run").flatten().map(|entry| entry.file_name()).collect();
@@ -24,9 +24,9 @@ fn frames_and_events_that_are_read_again_teach_the_same() {
     }
     // The device has room for nothing, for some and for all; what it has no room for is not uploaded before it is looked at.
     for (run, memory) in [("none", "0"), ("some", "6e-5"), ("all", "1")] {
-        let said = folder.run(&format!("{TRAIN} --out {run}-there --device-memory {memory}"));
-        let text = String::from_utf8_lossy(&said.stderr);
-        assert!(said.status.success() && text.contains("(--device-memory)") == (run != "all"), "{text}");
+        let output = folder.run(&format!("{TRAIN} --out {run}-there --device-memory {memory}"));
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success() && text.contains("(--device-memory)") == (run != "all"), "{text}");
     }
     folder.succeed(&format!("{TRAIN} --out none-anywhere --memory 0 --device-memory 3e-5"));
     let [kept, none, some] =
@@ -49,9 +49,9 @@ fn a_frame_that_cannot_be_read_any_more_costs_nothing_that_was_trained() {
     let whole = fs::read(&frame).expect("a frame");
     fs::write(&frame, &whole[..whole.len() / 2]).expect("written");
 
-    let said = folder.run(&format!("{train} --out cut"));
-    let text = String::from_utf8_lossy(&said.stderr);
-    assert_eq!(said.status.code(), Some(1), "{text}");
+    let output = folder.run(&format!("{train} --out cut"));
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
     assert!(text.contains(&*frame.file_name().expect("a name").to_string_lossy()), "{text}");
     let command = text.split("can be read again, continue with: erfgs ").nth(1).and_then(|rest| rest.lines().next());
     let command = command.unwrap_or_else(|| panic!("how to go on: {text}"));

@@ -62,14 +62,14 @@ impl Page {
 /// The lines of stderr as they come.
 pub fn lines(stderr: ChildStderr) -> mpsc::Receiver<String> {
     let mut stderr = BufReader::new(stderr);
-    let (say, said) = mpsc::channel();
+    let (sender, receiver) = mpsc::channel();
     std::thread::spawn(move || {
         let mut line = String::new();
         while stderr.read_line(&mut line).is_ok_and(|bytes| bytes > 0) {
-            let _ = say.send(std::mem::take(&mut line));
+            let _ = sender.send(std::mem::take(&mut line));
         }
     });
-    said
+    receiver
 }
 
 /// A program that ends with its test.

@@ -51,8 +51,8 @@ fn rendering_and_export(folder: &Folder) {
     folder.succeed("render erf-gs --path orbit --frames 3 --format exr --out orbit");
     assert_eq!(files("orbit"), 3);
     // Another film is never mixed with this one.
-    let told = folder.fail(2, "render erf-gs --path orbit --frames 2 --format exr --out orbit");
-    assert!(told.contains("00000.exr") && told.contains("--force"), "{told}");
+    let stderr = folder.fail(2, "render erf-gs --path orbit --frames 2 --format exr --out orbit");
+    assert!(stderr.contains("00000.exr") && stderr.contains("--force"), "{stderr}");
     fs::write(folder.path("orbit/notes.txt"), "kept").expect("written");
     folder.succeed("render erf-gs --path orbit --frames 2 --format exr --out orbit --force");
     assert_eq!(files("orbit"), 3, "two pictures, and the notes");

@@ -36,8 +36,8 @@ fn apart(folder: &Folder, moved: &[erfgs_run::CameraPose]) -> f64 {
         .cameras(Split::Train)
         .zip(off.cameras(Split::Train))
         .map(|(truth, off)| {
-            let told = moved.iter().find(|of| of.camera == off.name);
-            let turn = told.map_or([0.0; 3], |of| of.turn_degrees.map(f64::to_radians));
+            let found_pose = moved.iter().find(|of| of.camera == off.name);
+            let turn = found_pose.map_or([0.0; 3], |of| of.turn_degrees.map(f64::to_radians));
             let found = glam::DQuat::from_scaled_axis(turn.into()) * off.world_to_camera.rotation;
             truth.world_to_camera.rotation.inverse() * found
         })
@@ -56,11 +56,11 @@ fn cameras_that_stand_elsewhere_are_found() {
     let plain = folder.figures(&format!("{train}=false --out plain"));
     let found = folder.figures(&format!("{train}=true --out found"));
     let psnr = |figures: &serde_json::Value| figures["psnr"].as_f64().expect("a PSNR");
-    let told = |name: &str| {
+    let camera_poses = |name: &str| {
         erfgs_run::RunFolder::open(folder.path(name)).expect("a run").read_info().expect("told").camera_poses
     };
-    let (before, after) = (apart(&folder, &told("plain")), apart(&folder, &told("found")));
-    assert!(told("plain").is_empty() && told("found").len() == 8);
+    let (before, after) = (apart(&folder, &camera_poses("plain")), apart(&folder, &camera_poses("found")));
+    assert!(camera_poses("plain").is_empty() && camera_poses("found").len() == 8);
     assert!(after < 0.7 * before, "{after} degrees apart, {before} before");
     assert!(psnr(&found) > psnr(&plain) + 0.5, "{} against {} dB", psnr(&found), psnr(&plain));
     // When the run is looked at again, cameras are where they were found.

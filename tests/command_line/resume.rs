@@ -33,9 +33,9 @@ fn a_run_that_was_stopped_and_resumed_ends_like_one_that_was_not() {
     let begun = || fs::read_to_string(&curve).is_ok_and(|text| text.contains(",fine,"));
     let training = Killed::when(&folder, &format!("{TRAIN} --out stopped"), begun);
     training.send("-INT");
-    let (code, said) = training.end();
-    assert_eq!(code, Some(130), "{said}");
-    let command = said.split("go on with: erfgs ").nth(1).expect("how to go on").trim();
+    let (code, stderr) = training.end();
+    assert_eq!(code, Some(130), "{stderr}");
+    let command = stderr.split("go on with: erfgs ").nth(1).expect("how to go on").trim();
     assert!(command.contains("--resume") && command.contains("--deterministic"), "{command}");
 
     folder.succeed(command);
@@ -73,8 +73,8 @@ fn bodies_that_bend_are_followed_to_the_same_end_after_a_stop() {
     let curve = folder.path("stopped/curve.csv");
     let training = Killed::when(&folder, &format!("{bends} --out stopped"), || last_row(&curve) >= 60);
     training.send("-INT");
-    let (code, said) = training.end();
-    assert_eq!(code, Some(130), "{said}");
+    let (code, stderr) = training.end();
+    assert_eq!(code, Some(130), "{stderr}");
     folder.succeed(&format!("{bends} --out stopped --resume"));
     folder.succeed(&format!("{train} --set bodies.trial=0 --out rigid"));
     let read = |run: &str| fs::read(folder.path(run).join("checkpoint.bin")).expect("a checkpoint");
@@ -136,9 +136,9 @@ fn a_run_that_is_killed_again_and_again_ends_like_one_that_is_not() {
     // As a job scheduler does it: a request to terminate, and more of them while the checkpoint is being written.
     let training = Killed::when(&folder, &words, || last_row(&curve) >= 120);
     (0..3).for_each(|_| training.send("-TERM"));
-    let (code, said) = training.end();
-    assert_eq!(code, Some(130), "{said}");
-    assert!(said.contains("go on with:"), "{said}");
+    let (code, stderr) = training.end();
+    assert_eq!(code, Some(130), "{stderr}");
+    assert!(stderr.contains("go on with:"), "{stderr}");
 
     folder.succeed(&words);
     let read = |run: &str, file: &str| fs::read(folder.path(run).join(file)).expect("a file of the run");
@@ -164,13 +164,13 @@ fn a_run_goes_on_with_its_own_data_and_settings_alone() {
     let folder = Folder::with_stage("ds");
     let train = "train ds --method 4dgs --iterations 2+2 --no-evaluation --out run --resume";
     folder.succeed(train);
-    let said = folder.fail(2, &format!("{train} --set density.every=7 --seed 9"));
-    assert!(said.contains("density.every is 7 here, and") && said.contains("seed is 9 here, and 0"), "{said}");
-    assert!(said.contains("--change"), "{said}");
-    let said = folder.fail(2, "train ds --preset paper --iterations 2+2 --out run --resume");
-    assert!(said.contains("preset is \"paper\" here, and \"default\" in the run"), "{said}");
-    let said = folder.fail(2, &format!("{train} --minutes 3"));
-    assert!(said.contains("the time of training is 3 minutes here, and not limited in the run"), "{said}");
+    let stderr = folder.fail(2, &format!("{train} --set density.every=7 --seed 9"));
+    assert!(stderr.contains("density.every is 7 here, and") && stderr.contains("seed is 9 here, and 0"), "{stderr}");
+    assert!(stderr.contains("--change"), "{stderr}");
+    let stderr = folder.fail(2, "train ds --preset paper --iterations 2+2 --out run --resume");
+    assert!(stderr.contains("preset is \"paper\" here, and \"default\" in the run"), "{stderr}");
+    let stderr = folder.fail(2, &format!("{train} --minutes 3"));
+    assert!(stderr.contains("the time of training is 3 minutes here, and not limited in the run"), "{stderr}");
     // Settings that are not given are those of the run.
     folder.succeed("train ds --no-evaluation --out run --resume");
     let more = folder.figures("train ds --iterations 2+4 --no-evaluation --out run --resume --change");
@@ -182,8 +182,8 @@ fn a_run_goes_on_with_its_own_data_and_settings_alone() {
     let mut value: serde_json::Value = serde_json::from_str(&text).expect("JSON");
     value["name"] = "another take".into();
     fs::write(&manifest, value.to_string()).expect("written");
-    let said = folder.fail(2, "train other --no-evaluation --out run --resume");
-    assert!(said.contains("another dataset") && said.contains("SHA-256"), "{said}");
+    let stderr = folder.fail(2, "train other --no-evaluation --out run --resume");
+    assert!(stderr.contains("another dataset") && stderr.contains("SHA-256"), "{stderr}");
     // Wherever the same data lie, it is the same run.
     fs::rename(folder.path("ds"), folder.path("moved")).expect("moved");
     folder.succeed("train moved --no-evaluation --out run --resume");
@@ -199,8 +199,8 @@ fn a_run_is_not_overwritten_and_a_damaged_checkpoint_is_named() {
     let bytes = fs::read(&checkpoint).expect("a checkpoint");
     fs::write(&checkpoint, &bytes[..bytes.len() / 2]).expect("written");
     for words in [&format!("{train} --resume"), "eval run", "export run", "render run --out pictures"] {
-        let said = folder.fail(1, words);
-        assert!(said.contains("checkpoint.bin"), "{words}: {said}");
+        let stderr = folder.fail(1, words);
+        assert!(stderr.contains("checkpoint.bin"), "{words}: {stderr}");
     }
 }
 
@@ -217,9 +217,9 @@ fn a_checkpoint_with_a_number_that_is_none_is_refused_by_all_that_open_a_run() {
     for words in
         [resume.as_str(), "eval run", "export run", "export run --to e4d --out a.e4d", "render run --out pictures"]
     {
-        let said = folder.fail(1, words);
-        let named = said.contains("checkpoint.bin") && said.contains("number 14 of its 'core' is NaN");
-        assert!(named && said.contains("move it away"), "{words}: {said}");
+        let stderr = folder.fail(1, words);
+        let named = stderr.contains("checkpoint.bin") && stderr.contains("number 14 of its 'core' is NaN");
+        assert!(named && stderr.contains("move it away"), "{words}: {stderr}");
     }
     assert!(!folder.path("pictures").exists() && !folder.path("a.e4d").exists());
 }
@@ -233,8 +233,8 @@ fn a_checkpoint_of_other_event_cameras_is_refused() {
     let last = checkpoint.levels.pop().expect("levels of an event camera");
     checkpoint.levels.push(last[..last.len() - 2].to_vec());
     checkpoint.save(&file).expect("saved");
-    let said = folder.fail(1, "train ds --iterations 2+8 --resume --change --no-evaluation --out run");
-    assert!(said.contains("levels of 3455 event pixels, but the dataset has 3456"), "{said}");
+    let stderr = folder.fail(1, "train ds --iterations 2+8 --resume --change --no-evaluation --out run");
+    assert!(stderr.contains("levels of 3455 event pixels, but the dataset has 3456"), "{stderr}");
 }
 
 /// What makes datasets before it trains has nothing to save until then, and a film of the stage takes minutes.
@@ -245,7 +245,7 @@ fn a_measurement_that_still_films_ends_at_once() {
     let words = "bench acts --acts throw --methods 4dgs --out acts";
     let filming = Killed::when(&folder, words, || folder.path("acts/datasets/throw-1/images").exists());
     filming.send("-TERM");
-    let (code, said) = filming.end();
-    assert_eq!(code, Some(130), "{said}");
+    let (code, stderr) = filming.end();
+    assert_eq!(code, Some(130), "{stderr}");
     assert!(!folder.path("acts/datasets/throw-1/dataset.json").exists(), "it was filmed to its end");
 }

@@ -13,10 +13,10 @@ fn git(arguments: &[&str]) -> String {
 fn the_version_names_the_commit_and_the_features() {
     let folder = Folder::new();
     for words in ["--version", "-V"] {
-        let said = folder.succeed(words);
+        let version = folder.succeed(words);
         let commit = &git(&["rev-parse", "HEAD"])[..12];
         let hdf5 = if cfg!(feature = "hdf5") { ", hdf5" } else { "" };
-        assert_eq!(said, format!("erfgs {} ({commit}; exr, rosbag2{hdf5})\n", env!("CARGO_PKG_VERSION")));
+        assert_eq!(version, format!("erfgs {} ({commit}; exr, rosbag2{hdf5})\n", env!("CARGO_PKG_VERSION")));
     }
 }
 
@@ -67,10 +67,10 @@ fn each_command_has_a_manual_page_that_man_reads_without_a_warning() {
             .arg(&page)
             .output()
             .expect("groff runs");
-        let (said, wrong) = (String::from_utf8_lossy(&read.stdout), String::from_utf8_lossy(&read.stderr));
+        let (text, wrong) = (String::from_utf8_lossy(&read.stdout), String::from_utf8_lossy(&read.stderr));
         assert!(read.status.success() && wrong.is_empty(), "{name}: {wrong}");
         let title = name.trim_end_matches(".1");
-        assert!(said.contains(&format!("{title}(1)")) && said.contains("SYNOPSIS"), "{name}: {said}");
+        assert!(text.contains(&format!("{title}(1)")) && text.contains("SYNOPSIS"), "{name}: {text}");
     }
     let train = fs::read_to_string(folder.path("pages/man1/erfgs-train.1")).unwrap();
     assert!(train.contains("iterations") && train.contains("Examples"));

@@ -58,8 +58,8 @@ fn a_video_that_is_none_is_refused() {
     fs::write(folder.path("text.npz"), "no archive").expect("written");
     write_luma(&folder, "flat.npz", &[0; 12], "12,");
     for name in ["text.npz", "flat.npz"] {
-        let said = folder.fail(1, &format!("simulate {name} --fps 30 --out out.npz"));
-        assert!(said.contains(name), "{said}");
+        let stderr = folder.fail(1, &format!("simulate {name} --fps 30 --out out.npz"));
+        assert!(stderr.contains(name), "{stderr}");
     }
     assert!(!folder.path("out.npz").exists());
 }

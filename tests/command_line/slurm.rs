@@ -39,11 +39,11 @@ impl Cluster {
         this.daemon("munged", &munge);
         this.wait("munged", |this| this.path("run/munge").exists());
         this.daemon("slurmctld", &["-D".into()]);
-        this.wait("a controller", |this| this.said("scontrol", "ping").contains("UP"));
+        this.wait("a controller", |this| this.stdout("scontrol", "ping").contains("UP"));
         for node in ["n1", "n2"] {
             this.daemon("slurmd", &["-D".into(), "-N".into(), node.into()]);
         }
-        this.wait("two idle nodes", |this| this.said("sinfo", "-N -h -p low -t idle -o %N").lines().count() == 2);
+        this.wait("two idle nodes", |this| this.stdout("sinfo", "-N -h -p low -t idle -o %N").lines().count() == 2);
         this
     }
 
@@ -122,7 +122,7 @@ impl Cluster {
     }
 
     /// What it says.
-    pub fn said(&self, program: &str, words: &str) -> String {
+    pub fn stdout(&self, program: &str, words: &str) -> String {
         String::from_utf8_lossy(&self.ask(program, words).stdout).into_owned()
     }
 
@@ -137,7 +137,7 @@ impl Cluster {
 
     /// Jobs that were put back into the queue wait for two minutes, in case their node is in trouble. They need not here.
     pub fn hurry(&self) {
-        for id in self.said("squeue", "-h -r -t PENDING -o %F_%K/%r").lines() {
+        for id in self.stdout("squeue", "-h -r -t PENDING -o %F_%K/%r").lines() {
             if let Some((id, "BeginTime")) = id.split_once('/') {
                 self.ask("scontrol", &format!("update JobId={id} StartTime=now"));
             }
@@ -147,7 +147,7 @@ impl Cluster {
     /// Ends a node as a power failure does: its daemon and all that runs on it.
     pub fn kill_node(&self, node: &str) {
         let daemon = self.started.iter().find(|(name, _)| name == node).expect("a node").1.id();
-        let jobs = self.said("squeue", &format!("-h -w {node} -o %A"));
+        let jobs = self.stdout("squeue", &format!("-h -w {node} -o %A"));
         let processes = processes();
         let of_jobs = processes.iter().filter(|process| jobs.lines().any(|job| process.is_of(job.trim())));
         let mut victims = vec![daemon];
@@ -167,7 +167,7 @@ impl Cluster {
 
 impl Drop for Cluster {
     fn drop(&mut self) {
-        let jobs: Vec<String> = self.said("squeue", "-h -o %A").lines().map(|job| job.trim().to_owned()).collect();
+        let jobs: Vec<String> = self.stdout("squeue", "-h -o %A").lines().map(|job| job.trim().to_owned()).collect();
         self.ask("scancel", "--me");
         let left = || processes().into_iter().filter(|process| jobs.iter().any(|job| process.is_of(job)));
         let until = Instant::now() + Duration::from_secs(5);

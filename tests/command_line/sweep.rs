@@ -32,8 +32,8 @@ fn plan(folder: &Folder, name: &str, text: &str) {
 }
 
 /// The states of the jobs by their names.
-fn states(told: &serde_json::Value) -> BTreeMap<String, String> {
-    let jobs = told["jobs"].as_array().expect("jobs");
+fn states(status: &serde_json::Value) -> BTreeMap<String, String> {
+    let jobs = status["jobs"].as_array().expect("jobs");
     let text = |value: &serde_json::Value| value.as_str().expect("text").to_owned();
     jobs.iter().map(|job| (text(&job["name"]), text(&job["state"]))).collect()
 }
@@ -56,8 +56,8 @@ fn what_a_plan_asks_for_is_told_and_what_is_wrong_with_it_is_named() {
     let folder = Folder::with_stage("ds");
     let text = PLAN.replace("method = \"4dgs\"", "method = [\"4dgs\", \"erf-gs\"]") + "\"earl.weight\" = [0.5, 2]\n";
     plan(&folder, "plan.toml", &text);
-    let told = folder.figures("sweep plan.toml --dry-run --local");
-    let jobs = told["jobs"].as_array().expect("jobs");
+    let listing = folder.figures("sweep plan.toml --dry-run --local");
+    let jobs = listing["jobs"].as_array().expect("jobs");
     let names: Vec<&str> = jobs.iter().filter_map(|job| job["name"].as_str()).collect();
     assert_eq!(names.len(), 12, "{names:?}");
     assert_eq!(
@@ -72,8 +72,8 @@ fn what_a_plan_asks_for_is_told_and_what_is_wrong_with_it_is_named() {
     assert!(!folder.path("plan").exists(), "a dry run writes nothing");
     // A Slurm that is asked for and is not there, or does not answer.
     let output = folder.command("sweep plan.toml --slurm").env("SLURM_CONF", "nowhere.conf").output().expect("erfgs");
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.code() == Some(2) && said.contains("Slurm") && !folder.path("plan").exists(), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && stderr.contains("Slurm") && !folder.path("plan").exists(), "{stderr}");
 
     for (from, to, expected) in [
         ("log_every", "log_evry", "no field 'evaluation.log_evry'"),
@@ -85,8 +85,8 @@ fn what_a_plan_asks_for_is_told_and_what_is_wrong_with_it_is_named() {
         ("iterations = \"20+100\"", "minutes = 3", "cannot be used with"),
     ] {
         plan(&folder, "wrong.toml", &PLAN.replacen(from, to, 1));
-        let said = folder.fail(1, "sweep wrong.toml --dry-run --local").replace('`', "'");
-        assert!(said.contains(&expected.replace('`', "'")), "{expected}: {said}");
+        let stderr = folder.fail(1, "sweep wrong.toml --dry-run --local").replace('`', "'");
+        assert!(stderr.contains(&expected.replace('`', "'")), "{expected}: {stderr}");
     }
     // All runs would make the points at once.
     let manifest = folder.path("ds/dataset.json");
@@ -103,8 +103,8 @@ fn windows_of_a_take_cover_it_and_overlap() {
     let folder = Folder::new();
     let text = "seeds = [4]\n[[take]]\nsession = \"take1.mcap\"\nrig = \"rig.json\"\nfrom = 1.0\nseconds = 10\nwindow = 4\noverlap = 1\n";
     plan(&folder, "long.toml", text);
-    let told = folder.figures("sweep long.toml --dry-run --local");
-    let windows: Vec<String> = told["jobs"]
+    let listing = folder.figures("sweep long.toml --dry-run --local");
+    let windows: Vec<String> = listing["jobs"]
         .as_array()
         .expect("jobs")
         .iter()
@@ -133,20 +133,24 @@ fn a_sweep_here_is_stopped_and_gone_on_with_and_a_failure_costs_its_own_run() {
     let sent = Command::new("kill").args(["-TERM", &sweep.id().to_string()]).status().expect("kill");
     assert!(sent.success());
     assert_eq!(sweep.wait().expect("an end").code(), Some(130));
-    let told = folder.figures("sweep plan.toml --local --status");
-    assert_eq!(states(&told)["ds-s1"], "stopped", "{told}");
+    let status = folder.figures("sweep plan.toml --local --status");
+    assert_eq!(states(&status)["ds-s1"], "stopped", "{status}");
     assert!(folder.path("plan/runs/ds-s1/checkpoint.bin").is_file(), "what ran was saved");
     assert!(folder.fail(2, "report plan --no-view --out report.html").contains("no run of the sweep is done"));
 
-    let said = folder.fail(1, "sweep plan.toml --local --at-once 2");
-    assert!(said.contains("1 of 2 runs failed"), "{said}");
-    let told = folder.figures("sweep plan --local --status");
-    assert_eq!((states(&told)["ds-s1"].as_str(), states(&told)["broken-s1"].as_str()), ("done", "failed"), "{told}");
-    let why = told["jobs"].as_array().expect("jobs").iter().find_map(|job| job["failed"].as_str()).expect("a reason");
+    let stderr = folder.fail(1, "sweep plan.toml --local --at-once 2");
+    assert!(stderr.contains("1 of 2 runs failed"), "{stderr}");
+    let status = folder.figures("sweep plan --local --status");
+    assert_eq!(
+        (states(&status)["ds-s1"].as_str(), states(&status)["broken-s1"].as_str()),
+        ("done", "failed"),
+        "{status}"
+    );
+    let why = status["jobs"].as_array().expect("jobs").iter().find_map(|job| job["failed"].as_str()).expect("a reason");
     assert!(why.contains("`erfgs train` ended with"), "{why}");
-    let told = folder.figures("report plan --no-view --out report.html");
-    assert_eq!(told["runs"].as_array().map(Vec::len), Some(1), "{told}");
-    assert!(told["notes"].to_string().contains("1 of 2 runs are done"), "{told}");
+    let report = folder.figures("report plan --no-view --out report.html");
+    assert_eq!(report["runs"].as_array().map(Vec::len), Some(1), "{report}");
+    assert!(report["notes"].to_string().contains("1 of 2 runs are done"), "{report}");
 }
 
 /// Files of a sweep are written whole or not at all; a disk, an editor or another version damages them all the same.
@@ -166,10 +170,10 @@ fn a_damaged_file_is_named_and_nothing_is_trained_over_it() {
     fs::create_dir_all(folder.path("plan/jobs")).expect("a folder");
     for damaged in damages("{\"attempts\": 1, \"node\": \"\"}") {
         fs::write(&record, damaged).expect("written");
-        let said = folder.fail(1, sweep);
-        assert!(said.contains("1 of 1 runs failed"), "{said}");
-        let told = folder.figures("sweep plan --local --status");
-        let why = told["jobs"][0]["failed"].as_str().expect("a reason");
+        let stderr = folder.fail(1, sweep);
+        assert!(stderr.contains("1 of 1 runs failed"), "{stderr}");
+        let status = folder.figures("sweep plan --local --status");
+        let why = status["jobs"][0]["failed"].as_str().expect("a reason");
         assert!(why.contains("jobs/ds-s1.json") && why.contains("remove it"), "{why}");
         assert!(!run.exists(), "nothing was trained");
     }
@@ -179,17 +183,17 @@ fn a_damaged_file_is_named_and_nothing_is_trained_over_it() {
 
     // What is done stays done, and its record is told of.
     fs::write(&record, "{").expect("written");
-    let told = folder.figures(sweep);
-    assert_eq!(states(&told)["ds-s1"], "done", "{told}");
-    assert!(told["jobs"][0]["failed"].to_string().contains("jobs/ds-s1.json"), "{told}");
+    let status = folder.figures(sweep);
+    assert_eq!(states(&status)["ds-s1"], "done", "{status}");
+    assert!(status["jobs"][0]["failed"].to_string().contains("jobs/ds-s1.json"), "{status}");
     fs::remove_file(&record).expect("removed");
     let info = fs::read_to_string(run.join("run.json")).expect("a description");
     for damaged in damages(&info) {
         fs::write(run.join("run.json"), &damaged).expect("written");
-        let said = folder.fail(1, sweep);
-        assert!(said.contains("1 of 1 runs failed"), "{said}");
-        let told = folder.figures("sweep plan --local --status");
-        let why = told["jobs"][0]["failed"].as_str().expect("a reason");
+        let stderr = folder.fail(1, sweep);
+        assert!(stderr.contains("1 of 1 runs failed"), "{stderr}");
+        let status = folder.figures("sweep plan --local --status");
+        let why = status["jobs"][0]["failed"].as_str().expect("a reason");
         assert!(why.contains("ds-s1/run.json") && why.contains("remove"), "{why}");
         assert_eq!(fs::read_to_string(run.join("run.json")).expect("the same"), damaged);
     }
@@ -201,15 +205,15 @@ fn a_damaged_file_is_named_and_nothing_is_trained_over_it() {
     // A finished training whose checkpoint is gone is not begun again, and neither is a sweep of a newer program.
     fs::remove_file(run.join("checkpoint.bin")).expect("removed");
     for resume in ["", " --resume"] {
-        let said = folder.fail(2, &format!("train ds --out plan/runs/ds-s1 --method 4dgs --iterations 5+10{resume}"));
-        assert!(said.contains("finished training") && said.contains("checkpoint.bin"), "{said}");
+        let stderr = folder.fail(2, &format!("train ds --out plan/runs/ds-s1 --method 4dgs --iterations 5+10{resume}"));
+        assert!(stderr.contains("finished training") && stderr.contains("checkpoint.bin"), "{stderr}");
     }
     let manifest = folder.path("plan/sweep.json");
     let newer = fs::read_to_string(&manifest).expect("a manifest").replace("\"version\": 1", "\"version\": 2");
     fs::write(&manifest, &newer).expect("written");
     for words in [sweep, "sweep plan --local --status"] {
-        let said = folder.fail(1, words);
-        assert!(said.contains("sweep.json") && said.contains("version 2"), "{said}");
+        let stderr = folder.fail(1, words);
+        assert!(stderr.contains("sweep.json") && stderr.contains("version 2"), "{stderr}");
     }
     assert_eq!(fs::read_to_string(&manifest).expect("the same"), newer);
 }
@@ -226,32 +230,32 @@ fn a_dead_node_and_a_preempted_job_lose_nothing() {
     let sweep = |words: &str| {
         let mut command = folder.command(words);
         let output = command.env("SLURM_CONF", cluster.configuration()).output().expect("erfgs");
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.success(), "erfgs {words}: {said}");
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "erfgs {words}: {stderr}");
         serde_json::from_slice::<serde_json::Value>(&output.stdout).expect("JSON")
     };
-    let told = sweep("sweep there.toml --slurm --json");
-    assert_eq!(states(&told).len(), 3, "{told}");
+    let status = sweep("sweep there.toml --slurm --json");
+    assert_eq!(states(&status).len(), 3, "{status}");
     let run = |seed: u32| folder.path(&format!("there/runs/ds-s{seed}"));
     // The first two seeds run, each on a node; both have come to their first checkpoint.
     wait("two runs with a checkpoint", || [1, 2].iter().all(|&seed| run(seed).join("checkpoint.bin").exists()));
     let nodes = ["n1", "n2"];
-    assert_eq!(cluster.said("squeue", "-h -t RUNNING -o %N").lines().count(), nodes.len());
+    assert_eq!(cluster.stdout("squeue", "-h -t RUNNING -o %N").lines().count(), nodes.len());
     // What is in the queue is not submitted again.
     let again = sweep("sweep there.toml --slurm --json");
-    assert_eq!(cluster.said("squeue", "-h -r -o %F").lines().count(), 3, "{again}");
+    assert_eq!(cluster.stdout("squeue", "-h -r -o %F").lines().count(), 3, "{again}");
     cluster.kill_node("n2");
     cluster.preempt("n1");
     wait("all runs", || {
         cluster.hurry();
         states(&sweep("sweep there.toml --slurm --status --json")).values().all(|state| state == "done")
     });
-    let told = sweep("sweep there --slurm --status --json");
+    let status = sweep("sweep there --slurm --status --json");
     let starts: Vec<u64> =
-        told["jobs"].as_array().expect("jobs").iter().filter_map(|job| job["attempts"].as_u64()).collect();
+        status["jobs"].as_array().expect("jobs").iter().filter_map(|job| job["attempts"].as_u64()).collect();
     assert!(
         starts[0] >= 2 && starts[1] >= 2,
-        "the run of the dead node and the preempted one were started again: {told}"
+        "the run of the dead node and the preempted one were started again: {status}"
     );
 
     // The same without a fault, on this machine.
@@ -284,10 +288,10 @@ fn a_window_waits_for_the_first_and_the_page_for_both(folder: &Folder, sweep: &d
     fs::write(folder.path("windows/sweep.json"), manifest.to_string()).expect("a manifest");
     sweep("sweep windows --slurm --json");
     wait("the page of the take", || folder.path("windows/takes/ds-s1.html").exists());
-    let told = sweep("sweep windows --slurm --status --json");
-    assert!(states(&told).values().all(|state| state == "done"), "{told}");
-    let starts = told["jobs"][1]["attempts"].as_u64();
-    assert_eq!(starts, Some(1), "it did not begin before it could: {told}");
+    let status = sweep("sweep windows --slurm --status --json");
+    assert!(states(&status).values().all(|state| state == "done"), "{status}");
+    let starts = status["jobs"][1]["attempts"].as_u64();
+    assert_eq!(starts, Some(1), "it did not begin before it could: {status}");
     let log = fs::read_to_string(folder.path("windows/logs/ds-w001-s1.log")).expect("a log");
     assert!(log.contains("--static") && log.contains("of the static set"), "{log}");
 }

@@ -48,8 +48,12 @@ fn windows_share_what_stands_still_and_are_played_one_after_another() {
         fs::copy(recording::dataset::FILM.path().join(file), folder.path(file)).expect("copied");
     }
     fs::write(folder.path("long.toml"), PLAN).expect("a plan");
-    let told = folder.figures("sweep long.toml --dry-run --local");
-    assert_eq!((&told["jobs"][0]["after"], &told["jobs"][1]["after"]), (&().into(), &"take-w000-s0".into()), "{told}");
+    let listing = folder.figures("sweep long.toml --dry-run --local");
+    assert_eq!(
+        (&listing["jobs"][0]["after"], &listing["jobs"][1]["after"]),
+        (&().into(), &"take-w000-s0".into()),
+        "{listing}"
+    );
     // A field that moves everything has no such set.
     fs::write(folder.path("field.toml"), PLAN.replace("[train]\n", "[train]\npreset = \"paper\"\n")).expect("a plan");
     assert!(folder.figures("sweep field.toml --dry-run --local")["jobs"][1]["after"].is_null());
@@ -58,8 +62,8 @@ fn windows_share_what_stands_still_and_are_played_one_after_another() {
     assert!(folder.fail(1, "view long").contains("long"), "there is none yet");
 
     // Two at once: the second window waits for the first.
-    let told = folder.figures("sweep long.toml --local --at-once 2");
-    assert!(told["jobs"].as_array().expect("jobs").iter().all(|job| job["state"] == "done"), "{told}");
+    let status = folder.figures("sweep long.toml --local --at-once 2");
+    assert!(status["jobs"].as_array().expect("jobs").iter().all(|job| job["state"] == "done"), "{status}");
     let [first, second] = ["take-w000-s0", "take-w001-s0"].map(|run| folder.path("long/runs").join(run));
     let (of_first, taken_over) = (still(&first, false), still(&second, true));
     // After so few iterations the set is not like the frames in many places.
@@ -77,28 +81,28 @@ fn windows_share_what_stands_still_and_are_played_one_after_another() {
 fn refused(folder: &Folder) {
     let dataset = "long/datasets/take-w001";
     let first = "long/runs/take-w000-s0";
-    let said = folder.fail(1, &format!("train {dataset} --static {first} --motion hexplane --out x -q"));
-    assert!(said.contains("--motion free-time"), "{said}");
-    let said = folder.fail(1, &format!("train {dataset} --static nowhere --out x -q"));
-    assert!(said.contains("nowhere"), "{said}");
+    let stderr = folder.fail(1, &format!("train {dataset} --static {first} --motion hexplane --out x -q"));
+    assert!(stderr.contains("--motion free-time"), "{stderr}");
+    let stderr = folder.fail(1, &format!("train {dataset} --static nowhere --out x -q"));
+    assert!(stderr.contains("nowhere"), "{stderr}");
     folder.succeed(&format!(
         "train {dataset} --set dynamic.skip_static=false --motion hexplane --iterations 2+2 --out all -q"
     ));
-    let said = folder.fail(1, &format!("train {dataset} --static all --out x -q"));
-    assert!(said.contains("has no static Gaussians"), "{said}");
+    let stderr = folder.fail(1, &format!("train {dataset} --static all --out x -q"));
+    assert!(stderr.contains("has no static Gaussians"), "{stderr}");
     // A run goes on with the set that it began with, and with no other.
     folder.succeed(&format!(
         "train {dataset} --static {first} --seed 0 --iterations 20+40 --out long/runs/take-w001-s0 --resume -q"
     ));
     let second = "long/runs/take-w001-s0";
-    let said = folder.fail(2, &format!("train {dataset} --static {second} --seed 0 --out {second} --resume -q"));
-    assert!(said.contains("static_set"), "{said}");
+    let stderr = folder.fail(2, &format!("train {dataset} --static {second} --seed 0 --out {second} --resume -q"));
+    assert!(stderr.contains("static_set"), "{stderr}");
     assert!(folder.fail(2, "view long --take other").contains("take-s0"));
     // Of a take that is not done, what there is is shown.
     fs::rename(folder.path(second), folder.path("aside")).expect("moved");
     let output = folder.run("export long --to html --out part.html");
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success() && said.contains("1 of 2 windows of take-s0"), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && stderr.contains("1 of 2 windows of take-s0"), "{stderr}");
     fs::rename(folder.path("aside"), folder.path(second)).expect("moved back");
     assert!(folder.fail(2, "export long --to e4d --out take.e4d").contains("--to html"));
 }

@@ -107,15 +107,15 @@ fn little_passes_between_host_and_graphics_processor_in_an_iteration() {
         assert!(gaussians < more, "{gaussians} and {more}");
         for (traffic, gaussians) in [(few, gaussians), (many, more)] {
             let each = |sum: u64| sum as f64 / ITERATIONS as f64;
-            let said = format!("{method:?}, {gaussians} Gaussians: {traffic:?}");
+            let case = format!("{method:?}, {gaussians} Gaussians: {traffic:?}");
             // The host reads how many tiles the rendering before covered, and nothing else: no parameter, no gradient.
-            assert!(traffic.maps > 0 && traffic.maps <= renderings && traffic.read <= 64 * renderings, "{said}");
+            assert!(traffic.maps > 0 && traffic.maps <= renderings && traffic.read <= 64 * renderings, "{case}");
             // What is drawn; what it says, and drawing the events of the iteration; what these say, and the step.
             let most = if method == Method::FourDgs { 2 } else { 3 };
-            assert!((2 * ITERATIONS..=most * ITERATIONS).contains(&traffic.submissions), "{said}");
-            assert!((20.0..=130.0).contains(&each(traffic.dispatches)), "{said}");
+            assert!((2 * ITERATIONS..=most * ITERATIONS).contains(&traffic.submissions), "{case}");
+            assert!((20.0..=130.0).contains(&each(traffic.dispatches)), "{case}");
             // What the kernels are told. A frame would take 9 kB.
-            assert!(each(traffic.written) <= 6000.0, "{said}");
+            assert!(each(traffic.written) <= 6000.0, "{case}");
         }
         assert_eq!(few.read / few.maps, 64);
         // What passes is as much whatever is trained.

@@ -77,8 +77,8 @@ fn gaussians_that_are_free_in_time_are_born_from_silhouettes_and_go_on_after_a_s
     folder.succeed("dataset points ds-free --method random --random-points 200 --moving 0");
     let train = "train ds-free --motion free-time --no-evaluation --set eds.from=10 --set eds.every=10 \
                  --set eds.min_events=0.5 --set density.from=5 --set density.every=10";
-    let said = folder.fail(1, &format!("{train} --iterations 2+2 --out none"));
-    assert!(said.contains("has no moving points") && said.contains("dataset points"), "{said}");
+    let stderr = folder.fail(1, &format!("{train} --iterations 2+2 --out none"));
+    assert!(stderr.contains("has no moving points") && stderr.contains("dataset points"), "{stderr}");
 
     folder.succeed("dataset points ds-free --method random --random-points 200");
     // A point of a blurred frame was there in the middle of the exposure, and not when the shutter opened.
@@ -108,8 +108,8 @@ fn gaussians_that_are_free_in_time_are_born_from_silhouettes_and_go_on_after_a_s
     let more = folder.figures(&format!("{train} --iterations 10+40 --out run --resume --change"));
     assert_eq!(more["iterations"].as_u64(), Some(50), "{more}");
     assert!(more["cpu_seconds"].as_f64() > first["cpu_seconds"].as_f64(), "{more}");
-    let said = folder.fail(1, "train ds-free --motion hexplane --iterations 10+50 --out run --resume --change");
-    assert!(said.contains("another motion model"), "{said}");
+    let stderr = folder.fail(1, "train ds-free --motion hexplane --iterations 10+50 --out run --resume --change");
+    assert!(stderr.contains("another motion model"), "{stderr}");
 
     let measured = folder.figures("eval run --pictures 0");
     let parts = ["at_frames", "between_frames", "outside_frames"].map(|part| measured[part]["frames"].as_u64());

@@ -18,7 +18,7 @@ pub struct Served {
     _program: Program,
     pub page: Page,
     /// Lines on stderr.
-    said: mpsc::Receiver<String>,
+    stderr: mpsc::Receiver<String>,
 }
 
 impl Served {
@@ -27,16 +27,16 @@ impl Served {
         let mut command = folder.command(&words);
         let mut program = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("erfgs starts");
         let mut stdout = BufReader::new(program.stdout.take().expect("stdout"));
-        let said = lines(program.stderr.take().expect("stderr"));
+        let stderr = lines(program.stderr.take().expect("stderr"));
         let program = Program(program);
         let mut text = String::new();
         while !text.trim_end().ends_with("\n}") {
             let bytes = stdout.read_line(&mut text).expect("stdout");
-            assert!(bytes > 0, "it ended: {text} {:?}", said.iter().collect::<Vec<_>>());
+            assert!(bytes > 0, "it ended: {text} {:?}", stderr.iter().collect::<Vec<_>>());
         }
         let figures: serde_json::Value = serde_json::from_str(&text).expect("JSON");
         assert!(figures["models"][0]["gaussians"].as_u64().expect("a count") > 0);
-        Self { _program: program, page: Page { link: figures["link"].as_str().expect("a link").to_owned() }, said }
+        Self { _program: program, page: Page { link: figures["link"].as_str().expect("a link").to_owned() }, stderr }
     }
 }
 
@@ -48,7 +48,7 @@ pub fn compared(served: &Served, count: usize) -> Vec<(String, f64)> {
     while found.len() < count {
         let left = until.saturating_duration_since(Instant::now());
         let line =
-            served.said.recv_timeout(left).unwrap_or_else(|_| panic!("only {found:?} of {count}; it said {all:?}"));
+            served.stderr.recv_timeout(left).unwrap_or_else(|_| panic!("only {found:?} of {count}; it said {all:?}"));
         // `cam0 at 0.25, tiles: 93.1 dB against this machine's rendering, 1 of 255 at most`
         if let Some((mode, rest)) = line.split_once(": ").and_then(|(who, rest)| Some((who.rsplit_once(", ")?.1, rest)))
         {
@@ -181,7 +181,7 @@ fn scenes_are_shown_as_they_come_and_damaged_ones_are_refused(browser: &mut Brow
     }
     assert_eq!((&steps[2]["whole"], &steps[3]["whole"], &seen["same"]), (&false.into(), &true.into(), &true.into()));
 
-    let said = browser.evaluate(&with_reader(
+    let messages = browser.evaluate(&with_reader(
         "const said = {};
          const attempt = async (bytes) => {
            const what = await read(bytes).then((scene) => (scene.core.length === 12 * scene.count ? 'a scene' : 'another'), (error) => error.message);
@@ -195,10 +195,10 @@ fn scenes_are_shown_as_they_come_and_damaged_ones_are_refused(browser: &mut Brow
          }
          return said;",
     ));
-    let said = said.as_object().expect("what was said");
+    let messages = messages.as_object().expect("what was said");
     let known = ["a scene", "The scene is cut off", "The scene is damaged", "This is no scene of erfgs"];
-    assert!(said.keys().all(|what| known.iter().any(|known| what.starts_with(known))), "{said:?}");
-    assert!(known[1..].iter().all(|known| said.keys().any(|what| what.starts_with(known))), "{said:?}");
+    assert!(messages.keys().all(|what| known.iter().any(|known| what.starts_with(known))), "{messages:?}");
+    assert!(known[1..].iter().all(|known| messages.keys().any(|what| what.starts_with(known))), "{messages:?}");
 }
 
 fn drawn(browser: &mut Browser) -> u64 {
@@ -311,8 +311,8 @@ fn the_page_shows_more_than_the_picture(folder: &Folder, served: &Served, browse
     std::fs::write(folder.path("path.json"), path.to_string()).expect("a file");
     let rendered = folder.figures("render explicit --path path.json --frames 3 --scale 0.1 --out walk");
     assert_eq!(rendered["frames"], 3);
-    let said = folder.fail(2, "render explicit --path path.json --times 0.1 --frames 3 --out other");
-    assert!(said.contains("times of its own"), "{said}");
+    let stderr = folder.fail(2, "render explicit --path path.json --times 0.1 --frames 3 --out other");
+    assert!(stderr.contains("times of its own"), "{stderr}");
     assert_eq!(browser.evaluate("document.getElementById('trouble').textContent"), "");
 }
 
@@ -360,11 +360,11 @@ fn a_run_becomes_a_page_of_one_file() {
     folder.succeed("export run --to html --out one.html");
     let page = std::fs::read_to_string(folder.path("one.html")).expect("a page");
     assert!(page.contains("id=\"scene0.0\"") && !page.contains("src=\""), "it needs nothing else");
-    let said = folder.fail(2, "export run --to html --out one.html");
-    assert!(said.contains("--force"), "{said}");
+    let stderr = folder.fail(2, "export run --to html --out one.html");
+    assert!(stderr.contains("--force"), "{stderr}");
     folder.succeed("export run --to html --out one.html --force");
-    let said = folder.fail(2, "export one.html --to html --out two.html");
-    assert!(said.contains("is no run"), "{said}");
+    let stderr = folder.fail(2, "export one.html --to html --out two.html");
+    assert!(stderr.contains("is no run"), "{stderr}");
     // Opened from the disk it draws: the page is not of one colour.
     let mut browser = Browser::start();
     browser.open(&format!("file://{}#t=0.1", folder.path("one.html").display()));
@@ -424,8 +424,8 @@ fn scene_files_keep_what_is_seen(folder: &Folder) {
     drop(served);
     for (damaged, what) in [(&b"no scene"[..], "unpack"), (&[], "unpack")] {
         std::fs::write(folder.path("bad.e4d"), damaged).expect("a file");
-        let said = folder.fail(1, "view bad.e4d --no-browser --address 127.0.0.1:0");
-        assert!(said.contains("bad.e4d") && said.contains(what), "{said}");
+        let stderr = folder.fail(1, "view bad.e4d --no-browser --address 127.0.0.1:0");
+        assert!(stderr.contains("bad.e4d") && stderr.contains(what), "{stderr}");
     }
 
     let gltf = folder.figures("export run --to gltf --at 0.1 --out scene.glb");

@@ -32,9 +32,9 @@ fn a_training_is_watched_saved_and_stopped_from_its_page() {
                  --set evaluation.checkpoint_every=0";
     let mut command = folder.command(words);
     let mut program = Program(command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("erfgs starts"));
-    let said = lines(program.0.stderr.take().expect("stderr"));
+    let stderr = lines(program.0.stderr.take().expect("stderr"));
     let link = loop {
-        let line = said.recv_timeout(Duration::from_secs(60)).expect("a link");
+        let line = stderr.recv_timeout(Duration::from_secs(60)).expect("a link");
         if let Some((_, link)) = line.split_once("watched at ") {
             break link.trim().to_owned();
         }
@@ -92,7 +92,7 @@ fn a_training_is_watched_saved_and_stopped_from_its_page() {
     assert_eq!(page.known("POST", "/api/training/stop").0, 202);
     browser.wait("document.querySelector('[data-part=now]').textContent.includes('stopped')");
     assert_eq!(program.0.wait().expect("an end").code(), Some(130));
-    let rest: String = said.iter().collect();
+    let rest: String = stderr.iter().collect();
     assert!(rest.contains("--resume"), "{rest}");
     // What was learned goes on being seen, and the run can be opened.
     assert_eq!(browser.evaluate("document.getElementById('trouble').textContent"), "");

@@ -138,8 +138,11 @@ fn a_run_of_an_earlier_version_is_opened_with_its_dataset() {
     assert!(now == then, "the files differ");
 
     fs::rename(folder.path("ds"), folder.path("elsewhere")).expect("moved");
-    let said = folder.fail(1, "export run --to e4d --out none.e4d");
-    assert!(said.contains("earlier version") && said.contains("--resume") && said.contains("--dataset"), "{said}");
+    let stderr = folder.fail(1, "export run --to e4d --out none.e4d");
+    assert!(
+        stderr.contains("earlier version") && stderr.contains("--resume") && stderr.contains("--dataset"),
+        "{stderr}"
+    );
     folder.succeed("export run --to e4d --dataset elsewhere --out found.e4d");
     // Resuming it writes what was missing.
     folder.succeed("train elsewhere --out run --motion free-time --iterations 8+12 --no-evaluation -q --resume");

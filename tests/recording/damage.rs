@@ -44,14 +44,14 @@ fn lost_packets_end_a_playback_with_code_1_and_are_told() {
     let folder = folder.path();
     // The first three chunks declare the streams.
     flip(folder, "some.mcap", 3, 2);
-    let said = fail(folder, 1, "replay some.mcap --speed max");
-    assert!(said.contains("damaged places were skipped") && said.contains("checksum"), "{said}");
+    let stderr = fail(folder, 1, "replay some.mcap --speed max");
+    assert!(stderr.contains("damaged places were skipped") && stderr.contains("checksum"), "{stderr}");
     let info = json(folder, &["info", "some.mcap", "--json"]);
     assert_eq!((&info["checked"], info["damage"].as_array().map(Vec::len)), (&false.into(), Some(0)));
     let text = String::from_utf8(erfgs(folder, &["info", "some.mcap"]).stdout).unwrap();
     assert!(text.contains("not checked") && text.contains("--check"), "{text}");
-    let said = fail(folder, 1, "info some.mcap --check");
-    assert!(said.contains("some.mcap is damaged in"), "{said}");
+    let stderr = fail(folder, 1, "info some.mcap --check");
+    assert!(stderr.contains("some.mcap is damaged in"), "{stderr}");
     let checked = erfgs(folder, &["info", "some.mcap", "--check", "--json"]);
     let checked: serde_json::Value = serde_json::from_slice(&checked.stdout).unwrap();
     assert_eq!(checked["checked"], true);
@@ -59,10 +59,10 @@ fn lost_packets_end_a_playback_with_code_1_and_are_told() {
     assert!(damage.contains("checksum") && damage.contains("of the 2600 that were recorded"), "{damage}");
     assert!(fail(folder, 1, "info some.mcap --digest").contains("damaged"));
     for format in ["raw", "csv", "png"] {
-        let said = fail(folder, 1, &format!("export some.mcap --to {format} --out of-{format}"));
+        let stderr = fail(folder, 1, &format!("export some.mcap --to {format} --out of-{format}"));
         assert!(
-            said.contains("the intact part was exported") && folder.join(format!("of-{format}")).exists(),
-            "{said}"
+            stderr.contains("the intact part was exported") && folder.join(format!("of-{format}")).exists(),
+            "{stderr}"
         );
     }
     let recovered = json(folder, &["recover", "some.mcap", "--json"]);
@@ -92,8 +92,8 @@ fn what_is_no_session_or_empty_is_said_and_not_repaired() {
     fs::write(folder.join("tiny.mcap"), &bytes[..40]).unwrap();
     fs::write(folder.join("empty.mcap"), "").unwrap();
     for words in ["recover tiny.mcap", "recover tiny.mcap --in-place", "info tiny.mcap", "replay tiny.mcap"] {
-        let said = fail(folder, 1, words);
-        assert!(said.contains("tiny.mcap is an MCAP file, but not a session"), "{words}: {said}");
+        let stderr = fail(folder, 1, words);
+        assert!(stderr.contains("tiny.mcap is an MCAP file, but not a session"), "{words}: {stderr}");
     }
     assert!(!folder.join("tiny.recovered.mcap").exists());
     assert_eq!(fs::read(folder.join("tiny.mcap")).unwrap(), &bytes[..40], "left alone");
@@ -108,8 +108,8 @@ fn of_a_whole_session_it_is_said_that_no_copy_was_written() {
     let folder = folder.path();
     files::write_session(folder);
     let output = erfgs(folder, &["recover", "s.mcap", "--out", "copy.mcap"]);
-    let said = String::from_utf8(output.stdout).unwrap();
-    assert!(output.status.success() && said.contains("whole") && said.contains("no copy was written"), "{said}");
+    let stdout = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success() && stdout.contains("whole") && stdout.contains("no copy was written"), "{stdout}");
     assert!(!folder.join("copy.mcap").exists());
     let checked = json(folder, &["info", "s.mcap", "--check", "--json"]);
     assert_eq!((&checked["checked"], checked["damage"].as_array().map(Vec::len)), (&true.into(), Some(0)));
@@ -128,10 +128,10 @@ fn a_session_that_was_cut_is_exported_and_played_as_far_as_it_goes_and_says_so()
         ("export s.mcap --to png --out png", "exported"),
         ("replay s.mcap --speed max", "played"),
     ] {
-        let said = fail(folder, 1, words);
+        let stderr = fail(folder, 1, words);
         assert!(
-            said.contains(&format!("the intact part was {done}")) && said.contains("was not ended"),
-            "{words}: {said}"
+            stderr.contains(&format!("the intact part was {done}")) && stderr.contains("was not ended"),
+            "{words}: {stderr}"
         );
     }
     assert!(fs::read_to_string(folder.join("csv/ev0.csv")).unwrap().lines().count() > 1000);
@@ -154,10 +154,10 @@ fn a_chunk_that_lacks_or_comes_twice_is_found_by_a_check_and_exported_once() {
     fs::write(folder.join("lacks.mcap"), [&bytes[..from], &bytes[to..]].concat()).unwrap();
     fs::write(folder.join("twice.mcap"), [&bytes[..to], &bytes[from..]].concat()).unwrap();
     for (file, hint) in [("lacks.mcap", "that were recorded"), ("twice.mcap", "repeats that of byte")] {
-        let said = fail(folder, 1, &format!("info {file} --check"));
-        assert!(said.contains("is damaged in"), "{said}");
-        let said = fail(folder, 1, &format!("export {file} --to csv --out {file}.csv --stream ev0"));
-        assert!(said.contains(hint), "{said}");
+        let stderr = fail(folder, 1, &format!("info {file} --check"));
+        assert!(stderr.contains("is damaged in"), "{stderr}");
+        let stderr = fail(folder, 1, &format!("export {file} --to csv --out {file}.csv --stream ev0"));
+        assert!(stderr.contains(hint), "{stderr}");
         json(folder, &["recover", file, "--out", &format!("whole-{file}"), "--json"]);
         json(folder, &["info", &format!("whole-{file}"), "--check", "--json"]);
     }

@@ -136,8 +136,8 @@ fn what_does_not_fit_a_session_is_refused_and_nothing_is_written() {
         (2, "dataset import session take.mcap --rig rig.json --threshold 9 --out ds", "0.22,0.25"),
         (1, "dataset import panoptic . --rig rig.json --out ds", "--rig"),
     ] {
-        let said = fail(path, code, words);
-        assert!(said.contains(hint), "erfgs {words}: {said}");
+        let stderr = fail(path, code, words);
+        assert!(stderr.contains(hint), "erfgs {words}: {stderr}");
         assert!(!path.join("ds").exists(), "erfgs {words}");
     }
 }

@@ -201,8 +201,8 @@ fn packets_are_of_a_few_milliseconds_and_played_in_time() {
         assert!(seconds > 0.19, "{file}: {seconds}");
         let (half, _) = packets(&["--seek", "0.05"]);
         assert!(half > 0 && half <= all / 2 + 2, "{file}: {half} of {all}");
-        let said = fail(folder, 2, &format!("replay {file} --seek 7 --loop"));
-        assert!(said.contains("--seek 7") && said.contains("0.10"), "{file}: {said}");
+        let stderr = fail(folder, 2, &format!("replay {file} --seek 7 --loop"));
+        assert!(stderr.contains("--seek 7") && stderr.contains("0.10"), "{file}: {stderr}");
     }
 }
 
@@ -226,8 +226,8 @@ fn frames_of_a_sensor_are_exported_as_pictures_with_their_exposures() {
     );
     json(folder, &["export", "e-aedat4.aedat4", "--to", "mp4", "--out", "v.mp4", "--json"]);
     assert!(folder.join("v.frames.csv").is_file());
-    let said = fail(folder, 2, "export e-evt3.raw --to png --out p");
-    assert!(said.contains("evt3") && !folder.join("p").exists(), "{said}");
+    let stderr = fail(folder, 2, "export e-evt3.raw --to png --out p");
+    assert!(stderr.contains("evt3") && !folder.join("p").exists(), "{stderr}");
 }
 
 #[test]
@@ -269,8 +269,8 @@ fn what_cannot_be_imported_is_said_and_leaves_nothing() {
         (2, "export e-evt3.raw --to raw", &["e-evt3.raw", "--out"]),
         (2, "export e-evt3.raw", &["--to raw"]),
     ] {
-        let said = fail(folder, code, words);
-        assert!(hints.iter().all(|hint| said.contains(hint)), "erfgs {words}: {said}");
+        let stderr = fail(folder, code, words);
+        assert!(hints.iter().all(|hint| stderr.contains(hint)), "erfgs {words}: {stderr}");
     }
     assert!(!folder.join("x.mcap").exists() && !folder.join("text.mcap").exists());
     json(folder, &["import", "e-evt3.raw", "--json"]);
@@ -356,15 +356,18 @@ fn text_of_which_nothing_can_be_read_is_no_empty_recording() {
     for words in
         ["info none.csv", "export none.csv --to npz --out x.npz", "replay none.csv", "import none.csv --out x.mcap"]
     {
-        let said = fail(folder, 1, words);
-        assert!(said.contains("nothing in none.csv can be read") && said.contains("2 damaged"), "{words}: {said}");
+        let stderr = fail(folder, 1, words);
+        assert!(
+            stderr.contains("nothing in none.csv can be read") && stderr.contains("2 damaged"),
+            "{words}: {stderr}"
+        );
     }
     assert!(!folder.join("x.npz").exists() && !folder.join("x.mcap").exists());
     // What is whole is exported, and the rest is told.
     fs::write(folder.join("some.csv"), "x,y,p,t\n3,4,1,1000\n5,6,zero,1020\n7,8,0,2000\n").unwrap();
     for words in ["export some.csv --to csv --out y.csv", "replay some.csv", "import some.csv"] {
-        let said = fail(folder, 1, words);
-        assert!(said.contains("1 lines or packets of it cannot be read"), "{words}: {said}");
+        let stderr = fail(folder, 1, words);
+        assert!(stderr.contains("1 lines or packets of it cannot be read"), "{words}: {stderr}");
     }
     assert_eq!(fs::read_to_string(folder.join("y.csv")).unwrap(), "t,x,y,on\n1000,3,4,1\n2000,7,8,0\n");
 }

@@ -29,8 +29,8 @@ fn a_range_becomes_a_session_that_opens_checks_syncs_and_plays() {
     let folder = folder.path();
     let (path, _) = files::write_session(folder);
     let cut = ["export", "s.mcap", "--to", "session", "--from", "0.8", "--until", "1.9", "--out", "cut.mcap", "--json"];
-    let told = json(folder, &cut);
-    assert!((told["seconds"].as_f64().expect("seconds") - 1.1).abs() < 1e-9, "{told}");
+    let summary = json(folder, &cut);
+    assert!((summary["seconds"].as_f64().expect("seconds") - 1.1).abs() < 1e-9, "{summary}");
     let within = [START_NS + 800_000_000, START_NS + 1_900_000_000];
     let wanted: Vec<_> =
         packets(&path).into_iter().filter(|packet| (within[0]..=within[1]).contains(&packet.2)).collect();
@@ -140,13 +140,13 @@ fn events_become_a_video_at_any_speed() {
             .concat(),
         )
     };
-    let told = made(&["--from", "1", "--until", "1.2", "--speed", "0.1", "--fps", "25"]);
+    let summary = made(&["--from", "1", "--until", "1.2", "--speed", "0.1", "--fps", "25"]);
     // A fifth of a second, ten times slower, at 25 pictures a second.
-    let frames = told[0]["frames"].as_u64().expect("a count");
-    assert!((49..=51).contains(&frames), "{told}");
-    assert_eq!(told[0]["step_us"], 4000.0);
-    let events = told[0]["events"].as_u64().expect("a count");
-    assert!((3_980..=4_020).contains(&events), "{told}");
+    let frames = summary[0]["frames"].as_u64().expect("a count");
+    assert!((49..=51).contains(&frames), "{summary}");
+    assert_eq!(summary[0]["step_us"], 4000.0);
+    let events = summary[0]["events"].as_u64().expect("a count");
+    assert!((3_980..=4_020).contains(&events), "{summary}");
     let mut video = Video::open(&folder.join("ev.mp4")).expect("a video");
     let mut pictures = Vec::new();
     while let Some(picture) = video.next_frame().expect("a picture") {

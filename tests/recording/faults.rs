@@ -48,7 +48,7 @@ fn folder() -> tempfile::TempDir {
 }
 
 /// What a command says on the standard error.
-fn said(folder: &Path, words: &str) -> String {
+fn stderr_of(folder: &Path, words: &str) -> String {
     let output = erfgs(folder, &words.split(' ').collect::<Vec<_>>());
     let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success(), "erfgs {words}\n{stderr}");
@@ -63,7 +63,8 @@ fn camera<'a>(dataset: &'a Dataset, name: &str) -> &'a Camera {
 fn of_cameras_that_drop_out_what_came_before_is_used_and_what_is_lost_is_said() {
     let kept = folder();
     let folder = kept.path();
-    let told = said(folder, &format!("dataset import session take.mcap --rig rig.json {WINDOW} --test free0 --out ds"));
+    let stderr =
+        stderr_of(folder, &format!("dataset import session take.mcap --rig rig.json {WINDOW} --test free0 --out ds"));
     for words in [
         "rgb1: 2 frames are missing between 1.669 s and ",
         "camera rgb1 was unplugged",
@@ -73,7 +74,7 @@ fn of_cameras_that_drop_out_what_came_before_is_used_and_what_is_lost_is_said() 
         "the camera's clock restarts once: each part gets its own clock",
         "board: the lines of 2 pulses were lost; their times are interpolated",
     ] {
-        assert!(told.contains(words), "{words}\n{told}");
+        assert!(stderr.contains(words), "{words}\n{stderr}");
     }
     let dataset = Dataset::load(&folder.join("ds")).expect("a dataset");
     let frames = |name: &str| camera(&dataset, name).frames.iter().map(|frame| frame.t_ns).collect::<Vec<_>>();
@@ -87,7 +88,7 @@ fn of_cameras_that_drop_out_what_came_before_is_used_and_what_is_lost_is_said() 
     assert!(events.covers_ns[0] == 0 && (1.39..1.42).contains(&zero_s), "{:?}", events.covers_ns);
     assert!(events.count > 10_000, "{}", events.count);
     // What is left is reconstructed.
-    said(folder, "dataset points ds --method random");
+    stderr_of(folder, "dataset points ds --method random");
     json(folder, &["train", "ds", "--iterations", "2+2", "--seed", "1", "--out", "run", "--json"]);
     let metrics = json(folder, &["eval", "run", "--json"]);
     assert!(metrics["psnr"].as_f64().is_some_and(f64::is_finite), "{metrics}");
@@ -100,15 +101,15 @@ fn a_session_that_was_cut_off_is_imported_as_far_as_it_goes() {
     let bytes = fs::read(folder.join("take.mcap")).expect("a take");
     fs::write(folder.join("cut.mcap"), &bytes[..bytes.len() * 4 / 5]).expect("written");
     let words = "dataset import session cut.mcap --rig rig.json --from 0.5 --seconds 1.2 --test free0 --out cut";
-    let told = fail(folder, 1, words);
-    assert!(told.contains("cut.mcap was cut off: it ends at 1."), "{told}");
-    assert!(told.contains("the intact part was imported") && told.contains("it was not ended"), "{told}");
+    let stderr = fail(folder, 1, words);
+    assert!(stderr.contains("cut.mcap was cut off: it ends at 1."), "{stderr}");
+    assert!(stderr.contains("the intact part was imported") && stderr.contains("it was not ended"), "{stderr}");
     let [cut, whole] = [("cut.mcap", "cut"), ("take.mcap", "whole")].map(|(file, out)| {
         if out == "whole" {
             let words = format!(
                 "dataset import session {file} --rig rig.json --from 0.5 --seconds 1.2 --test free0 --out {out}"
             );
-            said(folder, &words);
+            stderr_of(folder, &words);
         }
         Dataset::load(&folder.join(out)).expect("a dataset")
     });
@@ -116,15 +117,15 @@ fn a_session_that_was_cut_off_is_imported_as_far_as_it_goes() {
     assert!(some.len() > 5 && some.len() < all.len(), "{} of {}", some.len(), all.len());
     assert!(some.iter().zip(all).all(|(frame, same)| (frame.t_ns - same.t_ns).abs() < 1_000_000));
     // What lies behind the cut is refused, with the reason.
-    let told = fail(folder, 1, "dataset import session cut.mcap --rig rig.json --from 1.9 --out none");
-    assert!(told.contains("it was not ended") && told.contains("recorded anything between"), "{told}");
+    let stderr = fail(folder, 1, "dataset import session cut.mcap --rig rig.json --from 1.9 --out none");
+    assert!(stderr.contains("it was not ended") && stderr.contains("recorded anything between"), "{stderr}");
 }
 
 #[test]
 fn a_calibration_that_does_not_fit_what_cameras_see_is_refused_by_name() {
     let kept = folder();
     let folder = kept.path();
-    said(folder, &format!("dataset import session take.mcap --rig rig.json {WINDOW} --test free0 --out good"));
+    stderr_of(folder, &format!("dataset import session take.mcap --rig rig.json {WINDOW} --test free0 --out good"));
     let turned = |pose: &Pose, by: DVec3, moved: DVec3| {
         let turn = DQuat::from_scaled_axis(by);
         Pose { rotation: (turn * pose.rotation).normalize(), translation: turn * pose.translation + moved }
@@ -168,11 +169,11 @@ fn a_calibration_that_does_not_fit_what_cameras_see_is_refused_by_name() {
     });
     assert!(other_day.contains("too few fit each other") && other_day.contains("Calibrate again;"), "{other_day}");
     // What a user knows better can be taken, and a camera be left out.
-    said(folder, "dataset points good --method random --trust-poses");
+    stderr_of(folder, "dataset points good --method random --trust-poses");
     let words = format!(
         "dataset import session take.mcap --rig rig.json {WINDOW} --without rgb1 --without davis --out without"
     );
-    said(folder, &words);
+    stderr_of(folder, &words);
     let dataset = Dataset::load(&folder.join("without")).expect("a dataset");
     assert_eq!(
         dataset.manifest.cameras.iter().map(|camera| camera.name.as_str()).collect::<Vec<_>>(),

@@ -124,9 +124,9 @@ fn refused(folder: &Path, shown: &Dataset) {
     let mut uneven = shown.clone();
     let named = uneven.manifest.cameras.iter_mut().find(|camera| camera.frames.len() > 2).expect("one");
     named.frames[1].exposure_ns = named.frames[1].exposure_ns.map(|t_ns| t_ns + 3_000_000);
-    let told = Film::plan(uneven).unwrap_err().to_string();
-    assert!(told.contains("3000 us off the steps"), "{told}");
+    let message = Film::plan(uneven).unwrap_err().to_string();
+    assert!(message.contains("3000 us off the steps"), "{message}");
     let plan = Film::plan(Dataset { root: folder.join("gone"), ..shown.clone() }).expect("a plan");
-    let told = record(&plan, Act::Film, &folder.join("gone.mcap"), &|_, _| {}).unwrap_err().to_string();
-    assert!(told.contains("gone"), "{told}");
+    let message = record(&plan, Act::Film, &folder.join("gone.mcap"), &|_, _| {}).unwrap_err().to_string();
+    assert!(message.contains("gone"), "{message}");
 }

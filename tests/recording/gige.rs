@@ -58,6 +58,6 @@ fn an_ethernet_camera_is_listed_recorded_synchronised_and_exported() {
 
     fs::write(folder.join("other.toml"), rig("GEV00043")).expect("written");
     let output = erfgs(folder, &["record", "other.toml", "--out", "other.mcap", "--no-preflight"]);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(!output.status.success() && said.contains("no GigE Vision camera is \"GEV00043\""), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && stderr.contains("no GigE Vision camera is \"GEV00043\""), "{stderr}");
 }

@@ -168,8 +168,8 @@ fn ran_with_networks(test: &str) -> bool {
     again.arg("-rn").arg(env::current_exe().expect("this program"));
     again.args(["--exact", &format!("recording::hosts::{test}"), "--nocapture"]).env(NETWORKS, "1");
     let output = again.output().expect("unshare");
-    let said = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
-    assert!(output.status.success() && said[0].contains("1 passed"), "{}\n{}", said[0], said[1]);
+    let outputs = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
+    assert!(output.status.success() && outputs[0].contains("1 passed"), "{}\n{}", outputs[0], outputs[1]);
     true
 }
 
@@ -194,11 +194,11 @@ fn ip(words: &[&str]) {
 /// Listens in another network namespace, which a cable connects with this one: a socket stays in the namespace that it was made in.
 #[cfg(target_os = "linux")]
 fn elsewhere() -> (TcpListener, Option<String>) {
-    let (told, thread_there) = mpsc::channel();
+    let (thread_sender, thread_there) = mpsc::channel();
     let (connected, cable_there) = mpsc::channel::<String>();
     let there = thread::spawn(move || {
         nix::sched::unshare(nix::sched::CloneFlags::CLONE_NEWNET).expect("a network namespace");
-        told.send(fs::read_link("/proc/thread-self").expect("a thread")).expect("told");
+        thread_sender.send(fs::read_link("/proc/thread-self").expect("a thread")).expect("told");
         let cable = cable_there.recv().expect("a cable");
         ip(&["addr", "add", "10.9.0.2/24", "dev", &cable]);
         ip(&["link", "set", &cable, "up"]);
@@ -286,15 +286,15 @@ fn rigs_whose_clocks_disagree_are_recorded_by_one_host_and_merged_by_the_pulses(
     }
     let mut words: Vec<&str> = command.split(' ').skip(1).collect();
     words.push("--json");
-    let told = json(left.folder.path(), &words);
-    assert_eq!(told["reference"].as_str(), own.to_str(), "{told}");
-    let of_right = &told["sessions"].as_array().expect("sessions")[1];
-    assert!(of_right["common"].as_u64() > Some(90), "{told}");
+    let summary = json(left.folder.path(), &words);
+    assert_eq!(summary["reference"].as_str(), own.to_str(), "{summary}");
+    let of_right = &summary["sessions"].as_array().expect("sessions")[1];
+    assert!(of_right["common"].as_u64() > Some(90), "{summary}");
     let ahead_s = of_right["calendar_s"].as_f64().expect("a figure");
-    assert!((ahead_s - AHEAD_NS as f64 * 1e-9).abs() < 0.01, "{told}");
+    assert!((ahead_s - AHEAD_NS as f64 * 1e-9).abs() < 0.01, "{summary}");
     let streams: Vec<&str> =
-        told["streams"].as_array().expect("streams").iter().filter_map(|row| row["stream"].as_str()).collect();
-    assert_eq!(streams, ["eye", "board", "take-right-eye"], "{told}");
+        summary["streams"].as_array().expect("streams").iter().filter_map(|row| row["stream"].as_str()).collect();
+    assert_eq!(streams, ["eye", "board", "take-right-eye"], "{summary}");
     let synced = json(left.folder.path(), &["sync", "take-merged.mcap", "--json"]);
     for row in synced["streams"].as_array().expect("streams") {
         assert_eq!(row["tier"], "hardware-triggered", "{synced}");
@@ -324,10 +324,10 @@ fn a_host_that_crashes_costs_its_own_streams_only() {
     assert_eq!(takes[0].path, there);
 
     let merged = ["merge", own.to_str().expect("a path"), "take-right.mcap", "--out", "merged.mcap", "--json"];
-    let told = json(left.folder.path(), &merged);
-    assert_eq!(told["cut_off"], serde_json::json!(["take-right.mcap"]), "{told}");
-    let packets = |at: usize| told["streams"][at]["packets"].as_u64().expect("a count");
-    assert!(packets(0) == 4000 && (1500..4000).contains(&packets(2)), "{told}");
+    let summary = json(left.folder.path(), &merged);
+    assert_eq!(summary["cut_off"], serde_json::json!(["take-right.mcap"]), "{summary}");
+    let packets = |at: usize| summary["streams"][at]["packets"].as_u64().expect("a count");
+    assert!(packets(0) == 4000 && (1500..4000).contains(&packets(2)), "{summary}");
     world.store(-1, SeqCst);
 }
 
@@ -408,18 +408,21 @@ fn two_programs_record_as_one_and_the_loss_of_one_is_told() {
     };
     let (code, stdout, stderr) = record("take1.mcap", "1", &["--json"]);
     assert_eq!(code, Some(0), "{stderr}");
-    let told: serde_json::Value = serde_json::from_str(&stdout).expect("JSON");
+    let summary: serde_json::Value = serde_json::from_str(&stdout).expect("JSON");
     let there = right.path().canonicalize().expect("a folder").join("takes/take1-right.mcap");
-    assert_eq!((&told["hosts"][0]["end"], told["hosts"][0]["path"].as_str()), (&"stopped".into(), there.to_str()));
+    assert_eq!(
+        (&summary["hosts"][0]["end"], summary["hosts"][0]["path"].as_str()),
+        (&"stopped".into(), there.to_str())
+    );
     let merge = format!("erfgs merge take1.mcap {} --out take1-merged.mcap", there.display());
-    assert_eq!(told["merge"], serde_json::json!([merge]));
+    assert_eq!(summary["merge"], serde_json::json!([merge]));
     for (folder, session) in [(left.path(), "take1.mcap"), (right.path(), "takes/take1-right.mcap")] {
         let info = json(folder, &["info", session, "--json"]);
         assert_eq!(info["complete"], true, "{info}");
     }
     // Patterns see no board.
-    let said = fail(left.path(), 1, merge.strip_prefix("erfgs ").expect("a command"));
-    assert!(said.contains("holds no pulses of a trigger board"), "{said}");
+    let stderr = fail(left.path(), 1, merge.strip_prefix("erfgs ").expect("a command"));
+    assert!(stderr.contains("holds no pulses of a trigger board"), "{stderr}");
 
     // Killed in the middle, as by a power cut.
     let killed = thread::spawn({
@@ -447,8 +450,8 @@ fn two_programs_record_as_one_and_the_loss_of_one_is_told() {
     let (code, _, stderr) = record("take3.mcap", "1", &[]);
     assert!(code == Some(1) && stderr.contains(name) && stderr.contains("--wait --live"), "{stderr}");
     assert!(!left.path().join("take3.mcap").exists());
-    let said = fail(left.path(), 2, &format!("record rig.toml --out take3.mcap --with https://a/?token={token}"));
-    assert!(said.contains("plain http") && !said.contains(&token), "{said}");
+    let stderr = fail(left.path(), 2, &format!("record rig.toml --out take3.mcap --with https://a/?token={token}"));
+    assert!(stderr.contains("plain http") && !stderr.contains(&token), "{stderr}");
     for folder in [left.path(), right.path(), &right.path().join("takes")] {
         assert!(!holds(folder, &token), "{}", folder.display());
     }

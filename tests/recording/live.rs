@@ -34,7 +34,7 @@ struct Played {
     process: Child,
     address: String,
     /// What the program said since; a thread reads it, so that the program never waits to say it.
-    said: Arc<Mutex<String>>,
+    output: Arc<Mutex<String>>,
 }
 
 impl Played {
@@ -52,12 +52,12 @@ impl Played {
             let (_, rest) = line.split_once("live page: http://")?;
             Some(rest.split(['/', ' ']).next()?.to_owned())
         });
-        let said = Arc::new(Mutex::new(String::new()));
+        let output = Arc::new(Mutex::new(String::new()));
         thread::spawn({
-            let said = Arc::clone(&said);
-            move || stderr.map_while(Result::ok).for_each(|line| *said.lock().expect("the words") += &(line + "\n"))
+            let output = Arc::clone(&output);
+            move || stderr.map_while(Result::ok).for_each(|line| *output.lock().expect("the words") += &(line + "\n"))
         });
-        Self { process, address: address.expect("an address"), said }
+        Self { process, address: address.expect("an address"), output }
     }
 
     fn get(&self, path: &str) -> Vec<u8> {
@@ -100,7 +100,12 @@ fn a_recording_is_shown_on_the_live_page() {
         let answer = page.get("/api/preview/camera");
         answer.starts_with(b"HTTP/1.1 200") && answer.windows(3).any(|bytes| bytes == [0xff, 0xd8, 0xff])
     });
-    assert!(shows, "no picture of the camera\n{}\n{summary}\n{}", page.status(), page.said.lock().expect("the words"));
+    assert!(
+        shows,
+        "no picture of the camera\n{}\n{summary}\n{}",
+        page.status(),
+        page.output.lock().expect("the words")
+    );
     assert_eq!(page.status()["guidance"], serde_json::json!([]));
     // By its pixels: previews in their own shape, and rates that are drawn.
     let mut browser = Browser::unseen();

@@ -49,25 +49,25 @@ fn sessions_of_two_hosts_become_one() {
     let path = |name: &str| folder.path().join(name);
     write_hosts(folder.path());
 
-    let told = json(folder.path(), &["merge", "right.mcap", "left.mcap", "--out", "take.mcap", "--json"]);
-    assert_eq!(told["reference"], "left.mcap", "the host with the board gives the clock: {told}");
+    let summary = json(folder.path(), &["merge", "right.mcap", "left.mcap", "--out", "take.mcap", "--json"]);
+    assert_eq!(summary["reference"], "left.mcap", "the host with the board gives the clock: {summary}");
     let streams: Vec<&str> =
-        told["streams"].as_array().expect("streams").iter().filter_map(|row| row["stream"].as_str()).collect();
-    assert_eq!(streams, ["eye", "board", "right-eye"], "{told}");
-    assert!(told["sessions"][0]["common"].as_u64() > Some(90), "{told}");
+        summary["streams"].as_array().expect("streams").iter().filter_map(|row| row["stream"].as_str()).collect();
+    assert_eq!(streams, ["eye", "board", "right-eye"], "{summary}");
+    assert!(summary["sessions"][0]["common"].as_u64() > Some(90), "{summary}");
     let synced = json(folder.path(), &["sync", "take.mcap", "--json"]);
     for row in synced["streams"].as_array().expect("streams") {
         assert_eq!(row["tier"], "hardware-triggered", "{synced}");
     }
-    let said = fail(folder.path(), 1, "merge right.mcap left.mcap --out take.mcap");
-    assert!(said.contains("exists already"), "{said}");
+    let stderr = fail(folder.path(), 1, "merge right.mcap left.mcap --out take.mcap");
+    assert!(stderr.contains("exists already"), "{stderr}");
     fs::remove_file(path("take.mcap")).expect("removed");
 
     // A rig that no pulses reach.
     let (alone, _) = recorded();
     fs::copy(alone.path().join("take.mcap"), path("alone.mcap")).expect("copied");
-    let said = fail(folder.path(), 1, "merge left.mcap alone.mcap --out take.mcap");
-    assert!(said.contains("alone.mcap") && said.contains("holds no pulses of a trigger board"), "{said}");
+    let stderr = fail(folder.path(), 1, "merge left.mcap alone.mcap --out take.mcap");
+    assert!(stderr.contains("alone.mcap") && stderr.contains("holds no pulses of a trigger board"), "{stderr}");
     fail(folder.path(), 2, "merge left.mcap --out take.mcap");
     assert!(!path("take.mcap").exists(), "nothing is written of what is refused");
 }

@@ -135,9 +135,10 @@ fn a_terminal_gets_no_commands_from_a_recording() {
         &["sync", "s.mcap"],
     ] {
         let output = erfgs(folder.path(), arguments);
-        for said in [&output.stdout, &output.stderr] {
-            let commands: Vec<_> = said.iter().filter(|&&byte| byte < 0x20 && byte != b'\n' && byte != b'\t').collect();
-            assert!(commands.is_empty(), "{arguments:?}: {}", String::from_utf8_lossy(said).escape_debug());
+        for stream in [&output.stdout, &output.stderr] {
+            let commands: Vec<_> =
+                stream.iter().filter(|&&byte| byte < 0x20 && byte != b'\n' && byte != b'\t').collect();
+            assert!(commands.is_empty(), "{arguments:?}: {}", String::from_utf8_lossy(stream).escape_debug());
         }
     }
 }
@@ -192,18 +193,18 @@ fn drawn(seed: u64, folder: &Path) -> Vec<String> {
 fn written(all: &Path, work: &Path, arguments: &[&str]) -> (Vec<String>, String) {
     let before = below(all);
     let output = erfgs(work, arguments);
-    let said = String::from_utf8_lossy(&[&output.stdout[..], &output.stderr].concat()).into_owned();
-    assert!(matches!(output.status.code(), Some(0..=2)), "{arguments:?}: {:?}: {said}", output.status);
-    let controls = said.chars().filter(|&c| c.is_control() && c != '\n' && c != '\t' || c == '\u{202e}').count();
-    assert_eq!(controls, 0, "{arguments:?}: {}", said.escape_debug());
+    let text = String::from_utf8_lossy(&[&output.stdout[..], &output.stderr].concat()).into_owned();
+    assert!(matches!(output.status.code(), Some(0..=2)), "{arguments:?}: {:?}: {text}", output.status);
+    let controls = text.chars().filter(|&c| c.is_control() && c != '\n' && c != '\t' || c == '\u{202e}').count();
+    assert_eq!(controls, 0, "{arguments:?}: {}", text.escape_debug());
     let place = format!("{}/", work.strip_prefix(all).unwrap().display());
     let new: Vec<String> = below(all).into_iter().filter(|file| !before.contains(file)).collect();
     let stray: Vec<_> = new.iter().filter(|file| !file.starts_with(&place)).collect();
     assert!(stray.is_empty(), "{arguments:?} wrote {stray:?}");
     if !output.status.success() {
-        assert!(said.contains("error:"), "{arguments:?}: {said}");
+        assert!(text.contains("error:"), "{arguments:?}: {text}");
     }
-    (new, said)
+    (new, text)
 }
 
 #[test]
@@ -223,10 +224,10 @@ fn whatever_the_streams_are_called_nothing_is_written_elsewhere() {
             (&["info", "s.mcap", "--check"], Some(0)),
             (&["sync", "s.mcap"], None),
         ] {
-            let (new, said) = written(folder.path(), &work, arguments);
+            let (new, text) = written(folder.path(), &work, arguments);
             assert!(
                 files.is_none_or(|files| files == new.len()),
-                "{arguments:?}: {} files: {new:#?}; {said}",
+                "{arguments:?}: {} files: {new:#?}; {text}",
                 new.len()
             );
         }

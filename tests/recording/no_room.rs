@@ -73,12 +73,12 @@ fn what_does_not_fit_is_named_by_its_place_with_what_helps_and_leaves_nothing() 
     #[cfg(feature = "hdf5")]
     commands.push(("export s.mcap --to h5 --stream ev0 --out out.h5", 16, "out.h5"));
     for (words, blocks, place) in commands {
-        let (code, said) = within(folder, blocks, words);
-        assert_eq!(code, Some(1), "erfgs {words}\n{said}");
-        assert!(said.contains(place), "erfgs {words}\n{said}");
-        assert!(!said.contains(".writing-") && !said.contains("panicked"), "erfgs {words}\n{said}");
-        assert!(said.contains("choose another disk") || said.contains("another place"), "erfgs {words}\n{said}");
+        let (code, output) = within(folder, blocks, words);
+        assert_eq!(code, Some(1), "erfgs {words}\n{output}");
+        assert!(output.contains(place), "erfgs {words}\n{output}");
+        assert!(!output.contains(".writing-") && !output.contains("panicked"), "erfgs {words}\n{output}");
+        assert!(output.contains("choose another disk") || output.contains("another place"), "erfgs {words}\n{output}");
         let after = below(folder);
-        assert!(after == before, "erfgs {words}\n{said}\n{after:?}");
+        assert!(after == before, "erfgs {words}\n{output}\n{after:?}");
     }
 }

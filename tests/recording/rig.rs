@@ -138,9 +138,9 @@ fn of_a_recording_that_the_disk_has_no_room_for_the_table_counts_what_the_file_h
     let session = json(folder, &["info", "take.mcap", "--json"]);
     assert_eq!(session["complete"], false, "{session}");
     let mut packets = 0;
-    for (told, there) in std::iter::zip(table["streams"].as_array().unwrap(), session["streams"].as_array().unwrap()) {
-        assert_eq!((&told["id"], &told["written"]), (&there["id"], &there["packets"]));
-        assert_eq!(told["written_bytes"], there["bytes"]);
+    for (row, there) in std::iter::zip(table["streams"].as_array().unwrap(), session["streams"].as_array().unwrap()) {
+        assert_eq!((&row["id"], &row["written"]), (&there["id"], &there["packets"]));
+        assert_eq!(row["written_bytes"], there["bytes"]);
         packets += there["packets"].as_u64().unwrap();
     }
     assert_eq!(table["bytes"], session["bytes"]);
@@ -163,8 +163,8 @@ fn enter_keeps_the_seconds_before() {
     assert!(lines.any(|line| line.contains("Enter keeps them")));
     thread::sleep(Duration::from_millis(1500));
     recorder.stdin.as_mut().expect("stdin").write_all(b"\n").expect("told");
-    let told = lines.find(|line| line.contains("recorded ") && line.contains("into")).expect("the end of it");
-    assert!(told.contains("after the trigger"), "{told}");
+    let line = lines.find(|line| line.contains("recorded ") && line.contains("into")).expect("the end of it");
+    assert!(line.contains("after the trigger"), "{line}");
     let _ = recorder.kill();
     let _ = recorder.wait();
     let takes: Vec<_> = fs::read_dir(folder.path().join("takes")).expect("a folder").flatten().collect();

@@ -105,8 +105,11 @@ fn events_are_exported_as_hdf5_or_it_is_said_how_to_get_it() {
         }
     } else {
         let output = erfgs(folder, &["export", "s.mcap", "--to", "h5"]);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(!output.status.success() && said.contains("--features hdf5") && said.contains("s.ev0.h5"), "{said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(
+            !output.status.success() && stderr.contains("--features hdf5") && stderr.contains("s.ev0.h5"),
+            "{stderr}"
+        );
         assert!(!folder.join("s.ev0.h5").exists());
     }
 }

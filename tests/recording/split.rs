@@ -72,21 +72,21 @@ fn every_command_takes_a_session_in_parts_for_the_one_that_it_is() {
     let last = part_path(&first, parts - 1);
     let bytes = fs::read(&last).expect("a file");
     fs::write(&last, &bytes[..bytes.len() - 200]).expect("written");
-    let said = erfgs(folder, &["recover", "p.mcap"]);
-    assert!(String::from_utf8_lossy(&said.stderr).contains("--in-place"), "{said:?}");
-    let told = json(folder, &["info", "p.mcap", "--json"]);
-    assert_eq!(told["complete"], false);
+    let output = erfgs(folder, &["recover", "p.mcap"]);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("--in-place"), "{output:?}");
+    let info = json(folder, &["info", "p.mcap", "--json"]);
+    assert_eq!(info["complete"], false);
     json(folder, &["recover", "p.mcap", "--in-place", "--json"]);
-    let told = json(folder, &["info", "p.mcap", "--check", "--json"]);
-    assert_eq!((&told["complete"], &told["damage"]), (&true.into(), &serde_json::json!([])), "{told}");
+    let info = json(folder, &["info", "p.mcap", "--check", "--json"]);
+    assert_eq!((&info["complete"], &info["damage"]), (&true.into(), &serde_json::json!([])), "{info}");
 
     // One by itself; and one that lacks.
     let alone = json(folder, &["info", "p.002.mcap", "--check", "--json"]);
     assert_eq!((&alone["part"], &alone["complete"]), (&2.into(), &true.into()), "{alone}");
     fs::remove_file(part_path(&first, 2)).expect("removed");
-    let said = erfgs(folder, &["info", "p.mcap"]);
-    let said = String::from_utf8_lossy(&said.stderr);
-    assert!(said.contains("p.002.mcap is missing") && said.contains("beside the others"), "{said}");
+    let output = erfgs(folder, &["info", "p.mcap"]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(stderr.contains("p.002.mcap is missing") && stderr.contains("beside the others"), "{stderr}");
 }
 
 #[test]
@@ -101,16 +101,16 @@ fn a_take_is_recorded_in_parts_and_nonsense_is_refused() {
     };
     for (split, says) in [("5m", "5min"), ("1MB", "10MB"), ("lots", "neither a size nor a time")] {
         let refused = record(split);
-        let said = String::from_utf8_lossy(&refused.stderr);
-        assert!(refused.status.code() == Some(2) && said.contains(says), "{split}: {said}");
+        let stderr = String::from_utf8_lossy(&refused.stderr);
+        assert!(refused.status.code() == Some(2) && stderr.contains(says), "{split}: {stderr}");
     }
     let done = record("1s");
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-    let told: serde_json::Value = serde_json::from_slice(&done.stdout).expect("JSON");
-    assert!(told["files"].as_u64() >= Some(2), "{told}");
+    let summary: serde_json::Value = serde_json::from_slice(&done.stdout).expect("JSON");
+    assert!(summary["files"].as_u64() >= Some(2), "{summary}");
     let info = json(folder, &["info", "t.mcap", "--check", "--json"]);
-    assert_eq!((&info["complete"], &info["bytes"]), (&true.into(), &told["bytes"]), "{info}");
-    assert_eq!(info["streams"][0]["packets"], told["streams"][0]["written"]);
+    assert_eq!((&info["complete"], &info["bytes"]), (&true.into(), &summary["bytes"]), "{info}");
+    assert_eq!(info["streams"][0]["packets"], summary["streams"][0]["written"]);
     // What is there is never overwritten.
     fs::remove_file(folder.join("t.mcap")).expect("removed");
     let refused = record("1s");

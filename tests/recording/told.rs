@@ -20,8 +20,8 @@ fn info_tells_people_what_it_tells_programs() {
     let folder = folder.path();
     files::write_session(folder);
     files::json(folder, &["sync", "s.mcap", "--json"]);
-    let said = |file: &str| String::from_utf8(erfgs(folder, &["info", file]).stdout).unwrap();
-    let text = said("s.mcap");
+    let info = |file: &str| String::from_utf8(erfgs(folder, &["info", file]).stdout).unwrap();
+    let text = info("s.mcap");
     for word in
         ["2025-06-15 15:06:40 UTC", "with erfgs test", "firmware", "3.9.0", "A, hardware-triggered", "residual p50"]
     {
@@ -46,7 +46,7 @@ fn info_tells_people_what_it_tells_programs() {
     writer.status(&Status { host_ns: START_NS, streams, ..Status::default() }).unwrap();
     writer.incident(None, START_NS, &Incident::Ended { reason: "the time was over".into() }).unwrap();
     writer.finish().unwrap();
-    let text = said("t.mcap");
+    let text = info("t.mcap");
     for word in [
         "stage-left",
         "diff_on (offset 20, value 122)",
@@ -94,9 +94,9 @@ fn wrong_usage_is_refused_with_the_remedy() {
         (2, "bench decode s.mcap", &["erfgs export s.mcap --to raw"]),
         (2, "info s.mcap.gz --check", &["--check"]),
     ] {
-        let said = fail(folder, code, words);
-        assert!(hints.iter().all(|hint| said.contains(hint)), "erfgs {words}: {said}");
-        assert!(!said.contains("disk"), "nothing is tested before: {said}");
+        let stderr = fail(folder, code, words);
+        assert!(hints.iter().all(|hint| stderr.contains(hint)), "erfgs {words}: {stderr}");
+        assert!(!stderr.contains("disk"), "nothing is tested before: {stderr}");
     }
     assert!(!folder.join("takes.mcap").exists() && !folder.join("x.mcap").exists());
     let help = |command: &str| String::from_utf8(erfgs(folder, &[command, "--help"]).stdout).unwrap();

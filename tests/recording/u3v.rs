@@ -162,8 +162,8 @@ fn a_usb_camera_is_listed_recorded_synchronised_and_exported() {
     }
 
     let info = json(folder, &["info", "take.mcap", "--json"]);
-    let (told, settings) = (&info["streams"][0], &info["streams"][0]["settings"]);
-    assert_eq!((&told["packets"], &told["damaged"]), (&stream.written.into(), &3.into()));
+    let (recorded, settings) = (&info["streams"][0], &info["streams"][0]["settings"]);
+    assert_eq!((&recorded["packets"], &recorded["damaged"]), (&stream.written.into(), &3.into()));
     assert_eq!(
         (&settings["backend"], &settings["port"], &settings["user_name"]),
         (&"u3v".into(), &"1-1".into(), &"left".into())
@@ -287,8 +287,8 @@ fn what_would_be_lost_is_refused_before_a_recording() {
         (small.text.replace("grey8", "rgb8"), "the camera has Mono8 (format = \"grey8\")"),
         (small.text.replace("= 2000", "= 30000"), "there is time for 25000 µs"),
     ] {
-        let said = refused(&text);
-        assert!(said.starts_with("cannot open 'mono'") && said.contains(says), "{said}");
+        let message = refused(&text);
+        assert!(message.starts_with("cannot open 'mono'") && message.contains(says), "{message}");
     }
 }
 
@@ -298,6 +298,6 @@ fn a_camera_that_is_not_there_is_missed_by_name() {
     let folder = tempfile::tempdir().expect("a folder");
     fs::write(folder.path().join("rig.toml"), rig("U3V00042", SIZE, RATE_HZ, "").text).expect("written");
     let output = erfgs(folder.path(), &["record", "rig.toml", "--out", "take.mcap", "--no-preflight"]);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(!output.status.success() && said.contains("USB3 Vision camera"), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && stderr.contains("USB3 Vision camera"), "{stderr}");
 }

@@ -63,12 +63,12 @@ fn every_loop_of_a_kernel_counts_towards_a_bound() {
         for (at, _) in code.match_indices("for (") {
             loops += 1;
             let (head, rest) = within(&code[at + 4..], '(', ')');
-            let said = format!("{}: for ({head})", file.display());
+            let place = format!("{}: for ({head})", file.display());
             let parts: Vec<&str> = head.split(';').map(str::trim).collect();
-            let [_, condition, step] = parts[..] else { panic!("{said}") };
-            let counter = condition.split_whitespace().next().expect(&said);
-            let sign = condition.split_whitespace().nth(1).expect(&said);
-            let step = step.strip_prefix(counter).unwrap_or_else(|| panic!("{said}")).trim();
+            let [_, condition, step] = parts[..] else { panic!("{place}") };
+            let counter = condition.split_whitespace().next().expect(&place);
+            let sign = condition.split_whitespace().nth(1).expect(&place);
+            let step = step.strip_prefix(counter).unwrap_or_else(|| panic!("{place}")).trim();
             let named = |by: &str| {
                 let constant = |by: &str| by.chars().all(|c| c.is_ascii_uppercase() || "_ *".contains(c));
                 GIVEN.contains(&by)
@@ -78,9 +78,9 @@ fn every_loop_of_a_kernel_counts_towards_a_bound() {
             let up = ["<", "<="].contains(&sign)
                 && (step == "++" || step.strip_prefix("+= ").is_some_and(named) || step == format!("= 2u * {counter}"));
             let down = sign == ">" && (step == "--" || step == "/= 2u");
-            assert!(up || down, "{said}");
+            assert!(up || down, "{place}");
             let (body, _) = within(rest.trim_start(), '{', '}');
-            assert!(!assigns(body, counter), "{said}: {counter} is the step's alone");
+            assert!(!assigns(body, counter), "{place}: {counter} is the step's alone");
         }
     }
     assert!(loops > 60, "{loops}");

@@ -27,11 +27,11 @@ fn stdout(command: &mut Command) -> String {
 /// The crates of the workspace by name; what tests alone depend on is left out.
 fn rooms() -> BTreeMap<String, Room> {
     let mut cargo = Command::new(env!("CARGO"));
-    let told = stdout(cargo.args(["metadata", "--no-deps", "--locked", "--offline", "--format-version", "1"]));
-    let told: Value = serde_json::from_str(&told).expect("JSON");
+    let output = stdout(cargo.args(["metadata", "--no-deps", "--locked", "--offline", "--format-version", "1"]));
+    let metadata: Value = serde_json::from_str(&output).expect("JSON");
     let text = |value: &Value| value.as_str().expect("a string").to_owned();
-    let root = text(&told["workspace_root"]);
-    let packages = told["packages"].as_array().expect("packages");
+    let root = text(&metadata["workspace_root"]);
+    let packages = metadata["packages"].as_array().expect("packages");
     let room = |package: &Value| {
         let manifest = text(&package["manifest_path"]);
         let folder = Path::new(&manifest).parent().and_then(|folder| folder.strip_prefix(&root).ok());

@@ -61,7 +61,7 @@ fn show(format: &FrameFormat, frame: &[u8]) {
 
 /// Checks one input.
 pub fn frames(input: &[u8]) {
-    let Some((&[pixels, width, height, said, fit, _], frame)) = input.split_first_chunk::<HEAD>() else { return };
+    let Some((&[pixels, width, height, raw_look, fit, _], frame)) = input.split_first_chunk::<HEAD>() else { return };
     let pixels = FORMATS[usize::from(pixels) % FORMATS.len()];
     let (width, height) = (length(width), length(height));
     let description = Description {
@@ -72,7 +72,7 @@ pub fn frames(input: &[u8]) {
         width,
         height,
         start_order: 0,
-        settings: look(said),
+        settings: look(raw_look),
     };
     let format = description.frame_format().expect("a stream of frames");
     let mut frame = frame.to_vec();

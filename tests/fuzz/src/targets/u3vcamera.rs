@@ -30,7 +30,7 @@ const NAMES: [&str; 13] = [
 /// Bytes of a frame.
 const FRAME: usize = 3072;
 
-fn is_told<T>(result: Result<T, GenicamError>) -> Option<T> {
+fn checked<T>(result: Result<T, GenicamError>) -> Option<T> {
     result.inspect_err(|error| assert!(!error.to_string().is_empty())).ok()
 }
 
@@ -38,14 +38,14 @@ fn use_all(features: &mut Features) {
     features.attach(&[Chunk { id: 0x1003, data: &[1, 2, 3, 4, 5, 6, 7, 8] }]);
     for name in NAMES {
         let _ = (features.has(name), features.is_settable(name), features.choices(name), features.range(name));
-        is_told(features.number(name));
-        is_told(features.integer(name));
-        is_told(features.text(name));
+        checked(features.number(name));
+        checked(features.integer(name));
+        checked(features.text(name));
         let _ = features.value(name);
-        is_told(features.set_number(name, 12.5));
-        is_told(features.set_flag(name, true));
-        is_told(features.set_text(name, "Mono8"));
-        is_told(features.run(name));
+        checked(features.set_number(name, 12.5));
+        checked(features.set_flag(name, true));
+        checked(features.set_text(name, "Mono8"));
+        checked(features.run(name));
     }
     features.refresh();
 }
@@ -59,9 +59,9 @@ pub fn u3vcamera(input: &[u8]) {
         for name in [&found.maker, &found.model, &found.serial, &found.name] {
             assert!(!name.chars().any(char::is_control), "{name:?}");
         }
-        let Some(mut device) = is_told(Device::open(&bus, found)) else { return };
+        let Some(mut device) = checked(Device::open(&bus, found)) else { return };
         use_all(&mut device.features);
-        if let Some(intake) = is_told(device.prepare(&GenicamConfig::default(), FRAME)) {
+        if let Some(intake) = checked(device.prepare(&GenicamConfig::default(), FRAME)) {
             let [leader, transfer, count, first, second, trailer] = intake.sizes.told.map(|size| size as usize);
             assert!(transfer * count + first + second >= FRAME.min(intake.sizes.block_bytes));
             assert!([leader, first, second, trailer].iter().all(|&size| size <= transfer));

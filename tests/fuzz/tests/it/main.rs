@@ -34,8 +34,8 @@ fn check(name: &str, target: impl Fn(&[u8]), mutations: u64, artifacts: &Path) {
         let path = artifacts.join(format!("{name}-{input}"));
         fs::create_dir_all(artifacts).and_then(|()| fs::write(&path, &bytes)).unwrap();
         let text = cause.downcast_ref::<&str>().copied();
-        let said = cause.downcast_ref::<String>().map(String::as_str).or(text).unwrap_or("it panicked");
-        panic!("{name} fails for {input}, which is {}: {said}", path.display());
+        let message = cause.downcast_ref::<String>().map(String::as_str).or(text).unwrap_or("it panicked");
+        panic!("{name} fails for {input}, which is {}: {message}", path.display());
     }
 }
 
@@ -88,11 +88,11 @@ fn an_input_that_fails_is_kept_and_named() {
     let folder = tempfile::tempdir().unwrap();
     let seeds = seeds("evt2");
     let fails = |bytes: &[u8]| assert!(seeds.iter().any(|seed| seed == bytes), "no seed");
-    let said = catch_unwind(|| check("evt2", fails, 1000, folder.path())).unwrap_err();
-    let said = said.downcast_ref::<String>().unwrap();
+    let message = catch_unwind(|| check("evt2", fails, 1000, folder.path())).unwrap_err();
+    let message = message.downcast_ref::<String>().unwrap();
     let files: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|file| file.unwrap().path()).collect();
     let [path] = &files[..] else { panic!("{files:?}") };
-    assert!(said.contains(path.to_str().unwrap()) && said.ends_with(": no seed"), "{said}");
+    assert!(message.contains(path.to_str().unwrap()) && message.ends_with(": no seed"), "{message}");
     let number = path.file_name().unwrap().to_str().unwrap().strip_prefix("evt2-mutation-").unwrap();
     let again = mutation(seeds, random::key(number.parse().unwrap(), &[random::purpose("evt2")]));
     assert_eq!(fs::read(path).unwrap(), again);
