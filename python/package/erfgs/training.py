@@ -46,9 +46,9 @@ def program() -> str:
     found = str(beside) if beside.is_file() else shutil.which("erfgs")
     if found is None:
         raise Error(f"the program erfgs is neither {beside} nor on the PATH: install the wheel of a release, or build it (`cargo install --path .`)")
-    (version,) = subprocess.run([found, "--version"], capture_output=True, text=True, check=True).stdout.split()[1:2]
-    if version != __version__:
-        raise Error(f"{found} is of version {version}, and this module of {__version__}: install both of one version")
+    words = subprocess.run([found, "--version"], capture_output=True, text=True, check=False).stdout.split()
+    if words[:2] != ["erfgs", __version__]:
+        raise Error(f"{found} is of version {' '.join(words[1:2]) or 'none'}, and this module of {__version__}: install both of one version")
     return found
 
 
