@@ -80,8 +80,8 @@ impl PixelActivity {
         self.parts[pixel] |= 1 << (since_us / self.part_us);
     }
 
-    /// The pixels that send events all the time, those with the most first. None where the recording is too short to tell: a few of its
-    /// milliseconds.
+    /// The pixels that send events all the time, those with the most first. None of a recording that is shorter than 16 ms, which tells
+    /// nothing.
     #[must_use]
     pub fn hot_pixels(&self) -> Vec<HotPixel> {
         let Some(first_us) = self.first_us else { return Vec::new() };
