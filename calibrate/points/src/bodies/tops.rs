@@ -37,9 +37,10 @@ const PLACE_STEP: f64 = 0.1;
 const STEPS: Steps = Steps { halvings: 3, most: 4 };
 /// What it is worth that events are twice as sharp as without a turn, beside what the shape says.
 const SHARP_IS_WORTH: f64 = 130.0;
-/// Numbers of a top: a steady rate, both rates, and its path besides.
+/// Numbers of a top: a steady rate; both rates and its place, without which a path that is off by centimetres leads to wrong rates; and its
+/// velocity, too, which few instants do not tell.
 const STEADY: usize = 3;
-const RATES_ALONE: usize = 6;
+const RATES_AND_PLACE: usize = 9;
 const ALL: usize = 12;
 /// Rotations are told by rates so far apart in time, seconds.
 const APART_S: f64 = 0.005;
@@ -165,7 +166,7 @@ impl<'a> Search<'a> {
                 1 => tops.iter().flat_map(|judged| judged.0.with_own_axes()).collect(),
                 _ => tops.into_iter().map(|judged| judged.0).collect(),
             };
-            tops = self.better(next, &known, KEPT.get(stage).copied().unwrap_or(1), RATES_ALONE);
+            tops = self.better(next, &known, KEPT.get(stage).copied().unwrap_or(1), RATES_AND_PLACE);
         }
         self.improved(tops.first().map_or(Top::default(), |judged| judged.0), &known, ALL)
     }
