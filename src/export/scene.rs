@@ -4,13 +4,7 @@ use std::path::{Path, PathBuf};
 
 use erfgs_base::atomic;
 use erfgs_scene::ply::GaussianCloud;
-use erfgs_view::{
-    Learned, Precision, alone,
-    fourdgs::{self, Written},
-    gltf,
-    scene_file::fidelity,
-    spz,
-};
+use erfgs_view::{Learned, Precision, Written, alone, fourdgs, gltf, scene_file::fidelity, spz};
 use serde::Serialize;
 
 use crate::{
@@ -126,7 +120,7 @@ pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> 
     let (written, gaussians, psnr_db, left_out) = if format == SceneFormat::FourDgs {
         let progress = terminal.progress("following what moves");
         let on_progress = &mut |done, of| progress.update(done, of, "instants");
-        let Written { bytes, gaussians, left_out } = fourdgs::write(&mut scene, on_progress)?;
+        let fourdgs::Written { bytes, gaussians, left_out } = fourdgs::write(&mut scene, on_progress)?;
         (bytes, gaussians, None, left_out)
     } else if format.is_instant() {
         let [start, end] = scene.record().span_ns;
@@ -136,13 +130,8 @@ pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> 
             return Err(Usage(format!("--at {at} is behind the end: the recording is {seconds:.3} s long")).into());
         }
         let cloud = GaussianCloud::from(&scene.gaussians_at(at / seconds.max(f64::MIN_POSITIVE))?);
-        let (bytes, gaussians) = if format == SceneFormat::Spz {
-            let spz::Written { bytes, gaussians } = spz::write(&cloud)?;
-            (bytes, gaussians)
-        } else {
-            let gltf::Written { bytes, gaussians } = gltf::write(&cloud)?;
-            (bytes, gaussians)
-        };
+        let Written { bytes, gaussians } =
+            if format == SceneFormat::Spz { spz::write(&cloud)? } else { gltf::write(&cloud)? };
         let faint = cloud.len() - gaussians;
         let left_out = (faint > 0).then(|| format!("{} Gaussians that cannot be seen then", thousands(faint as u64)));
         (bytes, gaussians, None, left_out.into_iter().collect())

@@ -7,7 +7,7 @@ use erfgs_scene::{ply::GaussianCloud, srgb};
 use erfgs_splat::gaussians::SH_C0;
 use serde_json::{Map, Value, json};
 
-use crate::upright::{HARMONICS, NothingSeen, opacity, place, rotation, seen};
+use crate::upright::{HARMONICS, NothingSeen, Written, opacity, place, rotation, seen};
 
 const FLOAT: u32 = 5126;
 const UNSIGNED_BYTE: u32 = 5121;
@@ -80,15 +80,6 @@ impl Glb {
         let length = self.bytes.len() - from;
         self.views.push(json!({ "buffer": 0, "byteOffset": from, "byteLength": length, "target": ARRAY_BUFFER }));
     }
-}
-
-/// What was written.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Written {
-    /// The file.
-    pub bytes: Vec<u8>,
-    /// Gaussians of the file.
-    pub gaussians: usize,
 }
 
 /// Why there is no file.

@@ -26,5 +26,5 @@ mod window;
 pub use scene_file::{Learned, Precision, SceneFile};
 pub use server::{Ask, Compared, FrameError, Model, ViewPage};
 pub use training::LiveTraining;
-pub use upright::NothingSeen;
+pub use upright::{NothingSeen, Written};
 pub use window::Window;

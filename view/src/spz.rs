@@ -10,7 +10,7 @@ use std::io::Write as _;
 use erfgs_scene::ply::GaussianCloud;
 use flate2::{Compression, write::GzEncoder};
 
-use crate::upright::{HARMONICS, NothingSeen, opacity, place, rotation, seen};
+use crate::upright::{HARMONICS, NothingSeen, Written, opacity, place, rotation, seen};
 
 const MAGIC: u32 = 0x5053_474e;
 const VERSION: u32 = 3;
@@ -23,15 +23,6 @@ const LEAST_LOG_SCALE: f32 = -10.0;
 const FINEST: u32 = 16;
 /// Most that 24 bits with a sign hold.
 const MOST: f32 = 8_388_607.0;
-
-/// What was written.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Written {
-    /// The file.
-    pub bytes: Vec<u8>,
-    /// Gaussians of the file.
-    pub gaussians: usize,
-}
 
 /// Why there is no file.
 #[derive(Debug, thiserror::Error)]

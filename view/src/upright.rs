@@ -16,6 +16,15 @@ pub const HARMONICS: [&[f32]; 4] =
 #[error("at this instant no Gaussian can be seen; take another with --at")]
 pub struct NothingSeen;
 
+/// A file of those that can be seen.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Written {
+    /// The file.
+    pub bytes: Vec<u8>,
+    /// Gaussians of the file.
+    pub gaussians: usize,
+}
+
 /// Those Gaussians of a cloud that can be seen.
 pub fn seen(cloud: &GaussianCloud) -> Result<Vec<usize>, NothingSeen> {
     let seen: Vec<usize> = (0..cloud.len()).filter(|&index| opacity(cloud, index) >= LEAST_OPACITY).collect();
