@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 
 use erfgs_session::{
-    clock::{Clock, Errors, Evidence, FitError, Sample},
+    clock::{CRYSTAL_PPM, Clock, Errors, Evidence, FitError, Sample},
     source::Packet,
 };
 
@@ -20,7 +20,6 @@ pub const NS_PER_TICK: f64 = 1e9 / TICK_HZ as f64;
 const WINDOW_NS: i64 = 60_000_000_000;
 /// Those of ceramic resonators do so faster. A board that is off by more than a crystal can be has one.
 const RESONATOR_WINDOW_NS: i64 = 10_000_000_000;
-const CRYSTAL_PPM: f64 = 1000.0;
 /// Ten bits for each byte.
 const NS_PER_BYTE: i64 = 10_000_000_000 / BAUD as i64;
 /// An echoed time that is farther from its answer is not the host's.

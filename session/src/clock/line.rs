@@ -6,10 +6,12 @@
 
 use super::fit::{ClockFit, Evidence, FitError, Residuals, Sample};
 
-/// So far off a crystal is at most, as a share of its rate. A slope beyond comes from samples that lie too close together, and the nominal rate
-/// is the better guess; or from a ceramic resonator, such as an Arduino Uno has (0.5 % and what warmth adds).
-const CRYSTAL: f64 = 1e-3;
-const RESONATOR: f64 = 1e-2;
+/// So far off a crystal is at most, parts per million. A slope beyond comes from samples that lie too close together, and the nominal rate is
+/// the better guess; or from a ceramic resonator.
+pub const CRYSTAL_PPM: f64 = 1e3;
+/// So far off a ceramic resonator is at most, parts per million, such as an Arduino Uno has: 0.5 %, and what warmth adds. Clocks that are
+/// farther off are not fitted.
+pub const RESONATOR_PPM: f64 = 1e4;
 /// A resonator is believed in where its rate explains so many times what scatters about the line, from so many samples on.
 const CLEAR: f64 = 10.0;
 const FEWEST_CLEAR: usize = 8;
@@ -73,11 +75,11 @@ impl Centred {
 
     /// Whether a clock can have a rate that was found from `points`.
     fn is_plausible(&self, slope: f64, points: &[(f64, f64)]) -> bool {
-        let off = slope.abs() / self.nominal.abs();
-        if off.is_nan() || off > RESONATOR {
+        let off_ppm = 1e6 * slope.abs() / self.nominal.abs();
+        if off_ppm.is_nan() || off_ppm > RESONATOR_PPM {
             return false;
         }
-        if off <= CRYSTAL {
+        if off_ppm <= CRYSTAL_PPM {
             return true;
         }
         let spread = |values: Vec<f64>| {

@@ -18,5 +18,5 @@ pub use dated::Dated;
 pub use epochs::{Epoch, EpochCursor, Epochs};
 pub use exposure::Exposure;
 pub use fit::{ClockFit, Evidence, FitError, Residuals, Sample};
-pub use line::Robust;
+pub use line::{CRYSTAL_PPM, RESONATOR_PPM, Robust};
 pub use pieces::{Clock, Errors};

@@ -1,6 +1,9 @@
 //! The clock of a device: its rate, its steps, and where it begins.
 
-use erfgs_session::source::StampClock;
+use erfgs_session::{
+    clock::{CRYSTAL_PPM, RESONATOR_PPM},
+    source::StampClock,
+};
 use serde_json::Value;
 
 use super::{Recorded, Subject};
@@ -12,12 +15,8 @@ use crate::{
 const RATE: CheckName = CheckName::ClockRate;
 const STEPS: CheckName = CheckName::ClockSteps;
 const RESET: CheckName = CheckName::ClockReset;
-/// What `erfgs sync` can fit at most, parts per million.
-const MOST_PPM: f64 = 10_000.0;
-/// What is farther off than this has no crystal, parts per million.
-const NO_CRYSTAL_PPM: f64 = 1000.0;
 /// Crystals are better than this by far, parts per million.
-const CRYSTAL_PPM: f64 = 400.0;
+const GOOD_PPM: f64 = 400.0;
 /// A rate that is known no better tells nothing, parts per million.
 const USELESS_PPM: f64 = 20_000.0;
 /// A device that was set to zero may have run for so long before its first event, seconds.
@@ -44,13 +43,13 @@ pub fn rate(_: &Subject<'_>, recorded: &Recorded<'_>) -> Option<Check> {
     let found = format!("{:+.0} ± {:.0} ppm against this host's clock", rate.ppm, rate.uncertainty_ppm);
     let certain_ppm = rate.ppm.abs() - rate.uncertainty_ppm;
     let is_board = observed.board.is_some();
-    Some(if certain_ppm > if is_board { MOST_PPM } else { NO_CRYSTAL_PPM } {
+    Some(if certain_ppm > if is_board { RESONATOR_PPM } else { CRYSTAL_PPM } {
         let remedy = "the device's ticks are not what its driver takes them for: send this report to the developers";
         Check::fault(RATE, found, remedy)
-    } else if is_board && certain_ppm > NO_CRYSTAL_PPM {
+    } else if is_board && certain_ppm > CRYSTAL_PPM {
         let remedy = "the board has a ceramic resonator, which `erfgs sync` follows; take one with a crystal where frames must come evenly";
         Check::warning(RATE, found, remedy)
-    } else if certain_ppm > CRYSTAL_PPM {
+    } else if certain_ppm > GOOD_PPM {
         Check::warning(RATE, found, "test for longer (--seconds 20); a crystal is within 100 ppm")
     } else if rate.uncertainty_ppm > USELESS_PPM {
         Check::not_tested(RATE, format!("{found}: too noisy to tell; test for longer (--seconds)"))
