@@ -56,8 +56,11 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
     let folder = if path.is_file() { path.parent().unwrap_or(Path::new(".")) } else { path };
     let file_name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-    if arguments.digest && (path.is_dir() || extension == "ply" || extension == "json") {
-        let what = format!("--digest is for sessions and event files, and '{}' is none", path.display());
+    let of_events = [("--digest", arguments.digest), ("--hot-pixels", arguments.hot_pixels)];
+    if let Some((option, _)) = of_events.into_iter().find(|(_, is_given)| *is_given)
+        && (path.is_dir() || extension == "ply" || extension == "json")
+    {
+        let what = format!("{option} is for sessions and event files, and '{}' is none", path.display());
         return Err(Usage(what).into());
     }
     let hints = arguments.file_is.hints();
@@ -71,10 +74,6 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         return Err(Usage(format!("--check is for sessions, and '{}' is none", path.display())).into());
     }
     if arguments.hot_pixels {
-        if path.is_dir() || extension == "ply" || extension == "json" {
-            let what = format!("--hot-pixels is for sessions and event files, and '{}' is none", path.display());
-            return Err(Usage(what).into());
-        }
         return hot_pixels::run(path, &hints, terminal);
     }
     match (path.is_dir(), extension) {

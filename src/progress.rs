@@ -125,9 +125,7 @@ impl Progress {
             eprintln!("{}", line(&self.label, share, share - first, since.elapsed(), &message()));
         }
     }
-}
 
-impl Progress {
     fn json(&self, share: f64, message: impl FnOnce() -> String, now: bool, values: impl FnOnce() -> Value) {
         let is_first = self.first.set((share, Instant::now())).is_ok();
         let Ok(mut last) = self.last_line.lock() else { return };
