@@ -68,7 +68,8 @@ pub(super) fn gather(
     let merged = taking.merged;
     let [width, height] = [view.intrinsics.width / merged, view.intrinsics.height / merged];
     let mut sink = Window {
-        activity: PixelActivity::new(view.intrinsics.width as usize, view.intrinsics.height as usize),
+        activity: (!taking.hot_pixels)
+            .then(|| PixelActivity::new(view.intrinsics.width as usize, view.intrinsics.height as usize)),
         cursor: epochs.follow(),
         offset_ns: *offset_ns,
         window,
@@ -93,9 +94,7 @@ pub(super) fn gather(
     })?;
     check_depth(view, bits, sink.largest)?;
     let mut found = sink.found;
-    if !taking.hot_pixels {
-        found.hot_pixels = sink.activity.hot_pixels();
-    }
+    found.hot_pixels = sink.activity.map_or_else(Vec::new, |activity| activity.hot_pixels());
     found.events = merge(found.events, &found.hot_pixels, merged as u16);
     found.damage = decoded.map(|decoded| decoded.damage).unwrap_or_default();
     // Where nothing moves there is nothing to send.
@@ -138,7 +137,8 @@ fn check_depth(view: &Viewpoint, bits: Option<u8>, largest: u16) -> Result<(), I
 
 /// Takes what lies within the window; events of the sensor's own pixels.
 struct Window<'a> {
-    activity: PixelActivity,
+    /// Where hot pixels are looked for.
+    activity: Option<PixelActivity>,
     cursor: EpochCursor<'a>,
     offset_ns: i64,
     window: [i64; 2],
@@ -204,7 +204,7 @@ impl Sink for Window<'_> {
         let t_us = t_ns.div_euclid(1000).max(self.last_us);
         self.last_us = t_us;
         events.push(Event { t_us, x: event.x, y: event.y, on: event.on });
-        self.activity.take(event.t_us, event.x, event.y);
+        self.activity.iter_mut().for_each(|activity| activity.take(event.t_us, event.x, event.y));
     }
 
     fn frame(&mut self, frame: ApsFrame) {
