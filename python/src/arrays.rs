@@ -5,11 +5,17 @@ use erfgs_scene::{ImageGrey8, ImageRgb8};
 use erfgs_sync::reading::{Picture, Samples};
 use numpy::{Element, IntoPyArray, PyArray1, PyArrayMethods, ndarray::Array2};
 use pyo3::{exceptions::PyValueError, prelude::*, sync::PyOnceLock};
+use serde_json::Value;
 
 /// Something that the package defines in Python.
 pub fn of_package<'py>(py: Python<'py>, cell: &PyOnceLock<Py<PyAny>>, name: &str) -> PyResult<Bound<'py, PyAny>> {
     let found = cell.get_or_try_init(py, || py.import("erfgs._types")?.getattr(name).map(Bound::unbind))?;
     Ok(found.bind(py).clone())
+}
+
+/// Settings as dictionaries, lists, numbers and texts.
+pub fn plain<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
+    py.import("json")?.call_method1("loads", (value.to_string(),))
 }
 
 /// Events as a structured array.

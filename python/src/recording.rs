@@ -321,8 +321,7 @@ impl Stream {
     /// Settings as read back from the device: biases, exposure, firmware.
     #[getter]
     fn settings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let settings = serde_json::Value::Object(self.described()?.0.settings.clone());
-        py.import("json")?.call_method1("loads", (settings.to_string(),))
+        arrays::plain(py, &serde_json::Value::Object(self.described()?.0.settings.clone()))
     }
 
     /// The events from `start` (inclusive) to `end` (exclusive), microseconds of session time; all where nothing is said.

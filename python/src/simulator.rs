@@ -121,8 +121,7 @@ impl Simulator {
     /// All parameters, by their names.
     #[getter]
     fn parameters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let text = serde_json::to_string(&self.config).map_err(errors::raised)?;
-        py.import("json")?.call_method1("loads", (text,))
+        arrays::plain(py, &serde_json::to_value(&self.config).map_err(errors::raised)?)
     }
 
     /// The events since the frame before, of this one at time t (microseconds, fractions count): a structured array of `EVENT_DTYPE`, in the

@@ -117,9 +117,9 @@ def follow(child: subprocess.Popen[str], callback: Optional[Callable[[Training],
     assert child.stderr is not None
     for line in child.stderr:
         if line.startswith('{"progress":'):
-            told = json.loads(line)["progress"]
+            progress = json.loads(line)["progress"]
             if callback is not None:
-                callback(Training(told["task"], told["share"], told["text"], told.get("values", {})))
+                callback(Training(**{"values": {}, **progress}))
         elif line.strip():
             LOG.info(line.rstrip())
             yield line.rstrip()
@@ -140,7 +140,7 @@ def refuse(code: int, remarks: List[str]) -> None:
     if code == 0:
         return
     at = next((at for at, line in enumerate(remarks) if line.startswith("error: ")), max(len(remarks) - 1, 0))
-    said = "\n".join(line for line in remarks[at:] if not line.startswith("  see `erfgs")).replace("error: ", "", 1)
+    message = "\n".join(line for line in remarks[at:] if not line.startswith("  see `erfgs")).replace("error: ", "", 1)
     if code == 2:
-        raise ValueError(said)
-    raise Error(said or f"the training ended with code {code}")
+        raise ValueError(message)
+    raise Error(message or f"the training ended with code {code}")
