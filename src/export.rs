@@ -5,24 +5,26 @@ mod dataset;
 mod event_video;
 mod events;
 mod excerpt;
+mod format;
 mod frames;
+mod motion;
 mod run;
 mod scene;
 
 use std::path::{Path, PathBuf};
 
-use clap::ValueEnum as _;
 use erfgs_base::names::FileNames;
-use erfgs_dataset::{Dataset, export::Layout};
+use erfgs_dataset::Dataset;
 use erfgs_session::{
     container::{self, Recording, Summary},
-    export::{EventsFormat, FramesFormat, PICTURE_DIGITS},
+    export::{FramesFormat, PICTURE_DIGITS},
     source::Encoding,
 };
 
 use self::{
     event_video::Pictures,
-    scene::{SceneFormat, SceneOptions},
+    format::{Format, Kind, STREAM_FORMATS, To, to},
+    scene::SceneOptions,
 };
 use crate::{
     device::{Adapter, TrainedRun},
@@ -42,6 +44,7 @@ canonical Gaussians; point_cloud_t/00000.ply and so on hold them as they stand a
   4dgs  the open container of 4D Gaussians, for its readers in several languages (https://4dgs.dev)
   gltf  one instant (--at) as binary glTF with Khronos' KHR_gaussian_splatting, for engines and editors
   spz   one instant (--at) in Niantic's packed format, a fifth as large, for viewers in browsers
+  motion  a table (CSV) of how its bodies move: places, velocities, rotations and rates, at --instants
 
 A dataset gives its frames, cameras and initial points as other trainers read them; frames.csv has the times and the split:
   colmap      images/ and a model in sparse/0, as 3DGS and most trainers after it read them
@@ -76,6 +79,7 @@ Examples:
   erfgs export run --to e4d --out throw.e4d
   erfgs export run --to gltf --at 0.35 --out throw.glb
   erfgs export run --to spz --at 0.35 --out throw.spz
+  erfgs export run --to motion --out throw.csv
   erfgs export ds --to colmap --out ds-colmap
   erfgs export S.mcap --to raw --stream ev0 --out ev0.raw
   erfgs export S.mcap --to mp4 --out videos
@@ -95,7 +99,7 @@ pub struct Arguments {
     #[command(flatten)]
     adapter: Adapter,
     /// Number of instants, spread from the first to the last of the recording. Default: as many as the held-out cameras
-    /// have.
+    /// have; of motion 250 a second, up to 2001.
     #[arg(long, value_name = "N", help_heading = "Of a run")]
     instants: Option<u32>,
     /// The format.
@@ -137,126 +141,6 @@ pub struct Arguments {
     out: Option<PathBuf>,
 }
 
-/// What a session is written as.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Format {
-    Raw,
-    Dat,
-    Aedat4,
-    Csv,
-    Npz,
-    H5,
-    Png,
-    Exr,
-    Mp4,
-    Session,
-    Foxglove,
-    Rosbag2,
-}
-
-/// What `--to` names.
-#[derive(Clone, Copy, Debug)]
-enum To {
-    /// Streams of a session.
-    Streams(Format),
-    /// A dataset.
-    Dataset(Layout),
-    /// A run, as one file.
-    Scene(SceneFormat),
-}
-
-/// What streams are written as.
-const STREAM_FORMATS: &str = "raw, dat, aedat4, csv, npz, h5, png, exr, mp4, session, foxglove or rosbag2";
-
-fn to(text: &str) -> Result<To, String> {
-    match text {
-        "colmap" => Ok(To::Dataset(Layout::Colmap)),
-        "html" => Ok(To::Scene(SceneFormat::Html)),
-        "e4d" => Ok(To::Scene(SceneFormat::E4d)),
-        "4dgs" => Ok(To::Scene(SceneFormat::FourDgs)),
-        "gltf" => Ok(To::Scene(SceneFormat::Gltf)),
-        "spz" => Ok(To::Scene(SceneFormat::Spz)),
-        "nerfstudio" => Ok(To::Dataset(Layout::Nerfstudio)),
-        _ => Format::from_str(text, false).map(To::Streams).map_err(|_| {
-            format!(
-                "{STREAM_FORMATS} for streams, colmap or nerfstudio for a dataset, html, e4d, 4dgs, gltf or spz for a run"
-            )
-        }),
-    }
-}
-
-/// What a format is one of.
-enum Kind {
-    Events(EventsFormat),
-    Frames(FramesFormat),
-    /// Frames, and events as videos.
-    Video,
-    /// A session.
-    Session,
-    /// All of it, for the tools of others.
-    Bridge(bridge::Tool),
-}
-
-impl Format {
-    fn extension(self) -> &'static str {
-        match self {
-            Self::Raw => "raw",
-            Self::Dat => "dat",
-            Self::Aedat4 => "aedat4",
-            Self::Csv => "csv",
-            Self::Npz => "npz",
-            Self::H5 => "h5",
-            Self::Png => "png",
-            Self::Exr => "exr",
-            Self::Mp4 => "mp4",
-            Self::Session | Self::Foxglove => "mcap",
-            Self::Rosbag2 => "rosbag2",
-        }
-    }
-
-    /// What it is a format of.
-    fn kind(self) -> Kind {
-        match self {
-            Self::Raw => Kind::Events(EventsFormat::Raw),
-            Self::Dat => Kind::Events(EventsFormat::Dat),
-            Self::Aedat4 => Kind::Events(EventsFormat::Aedat4),
-            Self::Csv => Kind::Events(EventsFormat::Csv),
-            Self::Npz => Kind::Events(EventsFormat::Npz),
-            Self::H5 => Kind::Events(EventsFormat::Hdf5),
-            Self::Png => Kind::Frames(FramesFormat::Png),
-            Self::Exr => Kind::Frames(FramesFormat::Exr),
-            Self::Mp4 => Kind::Video,
-            Self::Session => Kind::Session,
-            Self::Foxglove => Kind::Bridge(bridge::Tool::Foxglove),
-            Self::Rosbag2 => Kind::Bridge(bridge::Tool::Rosbag2),
-        }
-    }
-
-    /// What of it shows events.
-    fn pictures(self) -> Pictures {
-        match self {
-            Self::Mp4 => Pictures::Video,
-            Self::Foxglove => Pictures::Steady,
-            _ => Pictures::None,
-        }
-    }
-
-    /// Whether a stream becomes a folder.
-    fn is_folder(self) -> bool {
-        matches!(self.kind(), Kind::Frames(format) if format.is_folder())
-    }
-
-    /// Files that an export to `out` may write, by which an earlier one is known.
-    fn writes(self, out: &Path) -> Vec<PathBuf> {
-        match self {
-            Self::Png | Self::Exr => vec![out.join("frames.csv")],
-            // A camera's times, and those of an event sensor.
-            Self::Mp4 => vec![out.to_owned(), out.with_extension("csv"), out.with_extension("frames.csv")],
-            _ => vec![out.to_owned()],
-        }
-    }
-}
-
 /// Looks at what the path is, and exports it.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let input = &arguments.input;
@@ -268,7 +152,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     arguments.suit(input, input.is_file() && !manifest)?;
     match (input.is_file() && !manifest, arguments.to) {
         (true, Some(To::Streams(format))) => recording(input, format, arguments, terminal),
-        (true, Some(To::Scene(_))) => {
+        (true, Some(To::Scene(_) | To::Motion)) => {
             Err(Usage(format!("'{}' is no run; give the folder that `erfgs train --out` wrote", input.display())).into())
         }
         (false, Some(To::Scene(format))) => {
@@ -282,6 +166,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
                 }
                 None => scene::run(&of_run, options, terminal),
             }
+        }
+        (false, Some(To::Motion)) => {
+            let of_run = TrainedRun::new(input, arguments.dataset.as_deref(), &arguments.adapter);
+            motion::run(&of_run, arguments.instants, arguments.out.as_deref(), arguments.force, terminal)
         }
         (true, Some(To::Dataset(_))) => Err(Usage(format!(
             "'{}' is no dataset; make one with `erfgs dataset import session`, or export the recording to another format",
@@ -323,7 +211,7 @@ impl Arguments {
             ("--from", self.from.is_some(), is_recording, "a session or an event file"),
             ("--until", self.until.is_some(), is_recording, "a session or an event file"),
             ("--dataset", self.dataset.is_some(), is_run, "a run"),
-            ("--instants", self.instants.is_some(), is_run && !is_scene, "a run without --to"),
+            ("--instants", self.instants.is_some(), is_run && !is_scene, "a run without --to, or --to motion"),
             ("--take", self.take.is_some(), is_run && is_scene, "a sweep (--to html)"),
             ("--exact", self.exact, is_run && is_scene, "a run (--to html or e4d)"),
             ("--at", self.at.is_some(), is_run && is_scene, "a run (--to gltf or spz)"),

@@ -121,6 +121,7 @@ fn a_run_with_bodies_is_shown_exported_and_described() {
     let exact = folder.figures("export run --to e4d --exact --out exact.e4d");
     assert!(packed["bytes"].as_u64() < exact["bytes"].as_u64());
     bodies_turn_in_clouds(&folder);
+    motion_is_as_the_bodies_move(&folder);
     let gltf = folder.figures("export run --to gltf --at 0.15 --out scene.glb");
     assert!(gltf["gaussians"].as_u64() > Some(200), "{gltf}");
     let open = folder.figures("export run --to 4dgs --out scene.4dgs");
@@ -260,6 +261,40 @@ fn a_trial_tells_bodies_from_what_is_none_and_is_made_once() {
     // The same command ends at once, as its trial is known.
     let again = String::from_utf8_lossy(&folder.run(train).stderr).into_owned();
     assert!(again.contains("nothing is left to do"), "{again}");
+}
+
+/// The table of their motion says how they move. They have been taught for so short a time that they move as they did at first.
+fn motion_is_as_the_bodies_move(folder: &Folder) {
+    let told = folder.figures("export run --to motion --out motion.csv");
+    assert!(told["bodies"][0]["gaussians"].as_u64() > Some(50), "{told}");
+    let fastest = |body: usize, what: &str| told["bodies"][body][what].as_f64().expect("a rate");
+    assert!((fastest(0, "fastest_rad_s") - 25.0).abs() < 2.0 && fastest(0, "fastest_m_s") < 0.5, "{told}");
+    assert!((fastest(1, "fastest_m_s") - 3.0).abs() < 0.5, "{told}");
+    let table = std::fs::read_to_string(folder.path("motion.csv")).expect("a table");
+    let mut lines = table.lines();
+    let columns: Vec<&str> = lines.next().expect("a header").split(',').collect();
+    let column = |name: &str| columns.iter().position(|column| *column == name).expect("a column");
+    let (mut seen, mut last_s) = ([0; 2], [0.0; 2]);
+    for line in lines {
+        let fields: Vec<&str> = line.split(',').collect();
+        let number = |name: &str| fields[column(name)].parse::<f64>().expect("a number");
+        let index = ["disc", "<b>ball"].iter().position(|name| *name == fields[0]).expect("a body");
+        let (place, turn) = pose(fields[0], number("t_s"));
+        let found = DVec3::new(number("x_m"), number("y_m"), number("z_m"));
+        let turned = DQuat::from_xyzw(number("qx"), number("qy"), number("qz"), number("qw"));
+        assert!(found.distance(place) < 0.02 && turned.angle_between(turn) < 0.1, "{line}");
+        let rate = DVec3::new(number("wx_rad_s"), number("wy_rad_s"), number("wz_rad_s"));
+        let truly = if index == 0 { 25.0 * DVec3::Z } else { 8.0 * DVec3::Y };
+        assert!(rate.distance(truly) < 4.0, "{line}");
+        assert!(number("bends_m") < 0.02, "{line}");
+        seen[index] += 1;
+        last_s[index] = number("t_s");
+    }
+    // 250 a second; the ball is not there at first and at last.
+    assert!(seen[0] == 76 && (25..50).contains(&seen[1]) && last_s[1] < 0.25, "{seen:?} {last_s:?}");
+    assert!(folder.fail(2, "export free --to motion").contains("--motion bodies"));
+    assert!(folder.fail(2, "export run --to motion --out motion.csv").contains("--force"));
+    assert!(folder.fail(2, "export run --to motion --at 0.1").contains("gltf"));
 }
 
 /// Gaussians of the files at instants stand and turn as their body did between these: what was learned since changes that little.

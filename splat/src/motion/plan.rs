@@ -50,6 +50,23 @@ pub enum MotionPlan {
 }
 
 impl MotionPlan {
+    /// What the bodies are called, where there are any.
+    #[must_use]
+    pub fn bodies(&self) -> &[String] {
+        match self {
+            Self::Bodies { names, .. } => names,
+            Self::Still | Self::HexPlane { .. } | Self::FreeTime { .. } => &[],
+        }
+    }
+
+    /// The body that a row of a Gaussian hangs on, if one carries it.
+    #[must_use]
+    pub fn body_of(&self, row: &[f32]) -> Option<usize> {
+        let Self::Bodies { options, names, .. } = self else { return None };
+        let hangs = *row.get(options.floats())?;
+        (hangs >= 1.0 && hangs <= names.len() as f32).then(|| hangs as usize - 1)
+    }
+
     /// Floats that the model keeps for each Gaussian.
     #[must_use]
     pub fn row_floats(&self) -> usize {
