@@ -1,7 +1,7 @@
 //! Things that fly so close to one another that their hulls are one piece for most of a take.
 //!
 //! As many flights are looked for as tell the points of a piece apart, though none of them may ever be seen alone. Two that meet pass,
-//! or they bounce off one another; their colours tell which.
+//! or they bounce off one another; their colours tell which, or, where both look the same, how they fly.
 
 use glam::DVec3;
 
@@ -19,7 +19,8 @@ const MORE: usize = 4;
 const MEET: f64 = 2.0;
 /// The distance of two things changes by so much, compared with the same; that of parts of one does not.
 const CHANGES: f64 = 2.0;
-/// Colours must be of one thing for so large a share of the points more if things bounce off one another than if they pass.
+/// Colours must be of one thing for so large a share of the points more if things bounce off one another than if they pass; where they say
+/// less, those bounce that fly then and do not if they pass.
 const BOUNCE: f64 = 0.01;
 /// A thing is seen at so large a share of the instants.
 const SEEN: f64 = 0.6;
@@ -141,12 +142,45 @@ impl<'a> Pieces<'a> {
         let mixture = Mixture::of(PointClouds { times_s, points: &self.points, cell_m }, count)?;
         let mut things = self.things(&mixture);
         for _ in 0..count {
-            if !exchange(&mut things) {
+            if !self.exchange(&mut things) {
                 break;
             }
         }
         let apart = pairs(count).all(|[a, b]| things[a].leaves(&things[b]));
         (apart && things.iter().all(|thing| thing.flies(self.followed))).then_some(things)
+    }
+
+    /// Lets the two things bounce off one another that keep their colours best then, or fly best; whether there are any.
+    fn exchange(&self, things: &mut [Thing]) -> bool {
+        let points: usize =
+            things.iter().flat_map(|thing| thing.pieces.iter().flatten()).map(|piece| piece.members.len()).sum();
+        let instants = things.first().map_or(0, |thing| thing.pieces.len());
+        let meetings = pairs(things.len()).flat_map(|pair| (1..instants).map(move |instant| (pair, instant)));
+        let known = &*things;
+        let meeting = |([a, b], instant): ([usize; 2], usize)| {
+            let [one, other] = [&known[a], &known[b]];
+            one.meets(other, instant).then(|| (one.keep_colours(other, instant) / points as f64, [a, b], instant))
+        };
+        let meetings: Vec<(f64, [usize; 2], usize)> = meetings.filter_map(meeting).collect();
+        let by_colours =
+            meetings.iter().filter(|(gain, ..)| *gain >= BOUNCE).max_by(|a, b| a.0.total_cmp(&b.0)).copied();
+        let by_flight = || {
+            let apart = |&(gain, [a, b], instant): &(f64, [usize; 2], usize)| {
+                let flown = |[one, other]: [&Thing; 2]| {
+                    let [one, other] = [one, other].map(|thing| thing.apart(self.followed).unwrap_or(f64::INFINITY));
+                    one.max(other)
+                };
+                let [one, other] = known[a].bounced(&known[b], instant);
+                let bounce = flown([&one, &other]);
+                let told = gain > -BOUNCE && bounce < 1.0 && flown([&known[a], &known[b]]) >= 1.0;
+                told.then_some((bounce, [a, b], instant))
+            };
+            meetings.iter().filter_map(apart).min_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let Some((_, [a, b], instant)) = by_colours.or_else(by_flight) else { return false };
+        let [one, other] = known[a].bounced(&known[b], instant);
+        (things[a], things[b]) = (one, other);
+        true
     }
 
     /// The points of each thing of a mixture at each instant.
@@ -186,6 +220,21 @@ impl Thing {
         pieces().map(|piece| piece.members.len() as f64 * piece.colours.overlap(&usual)).sum()
     }
 
+    /// How many points more have their usual colours if it bounces off another before an instant than if they pass.
+    fn keep_colours(&self, other: &Self, instant: usize) -> f64 {
+        let bounce = self.same(other, instant) + other.same(self, instant);
+        bounce - self.same(self, instant) - other.same(other, instant)
+    }
+
+    /// This and another thing, if they bounce off one another before an instant.
+    fn bounced(&self, other: &Self, instant: usize) -> [Self; 2] {
+        let [mut one, mut other] = [self.clone(), other.clone()];
+        one.pieces[instant..].swap_with_slice(&mut other.pieces[instant..]);
+        one.met.push(instant);
+        other.met.push(instant);
+        [one, other]
+    }
+
     /// Where another is from it at the instants at which both are seen, metres.
     fn ways<'a>(&'a self, other: &'a Self) -> impl Iterator<Item = (usize, DVec3)> + 'a {
         let both = std::iter::zip(&self.pieces, &other.pieces).enumerate();
@@ -210,42 +259,21 @@ impl Thing {
 
     /// Whether it flies, and is seen for most of the time.
     fn flies(&self, followed: Followed<'_>) -> bool {
+        let often = self.pieces.iter().flatten().count() as f64 >= SEEN * followed.times_s.len() as f64;
+        often && self.apart(followed).is_some_and(|apart| apart < 1.0)
+    }
+
+    /// How far it is from the flight that is nearest, compared with how far what flies may be; none where it is seen too rarely.
+    fn apart(&self, followed: Followed<'_>) -> Option<f64> {
         let Followed { times_s, cell_m, exposure_s, .. } = followed;
         let seen = std::iter::zip(times_s, &self.pieces);
         let (seen_s, places): (Vec<f64>, Vec<DVec3>) =
             seen.filter_map(|(&time, piece)| Some((time, piece.as_ref()?.centre))).unzip();
         let jumps_s: Vec<[f64; 2]> = self.met.iter().map(|&at| [times_s[at - 1], times_s[at]]).collect();
         let places = Places { times_s: &seen_s, places: &places, exposure_s, cell_m, jumps_s: &jumps_s, fall: None };
-        let often = seen_s.len() as f64 >= SEEN * times_s.len() as f64;
         let most_m = (FLIES * cell_m).max(FLIES_SPREAD * self.spread_m);
-        often && flight::apart_m(places).is_some_and(|apart_m| apart_m < most_m)
+        flight::apart_m(places).map(|apart_m| apart_m / most_m)
     }
-}
-
-/// Lets the two things bounce off one another that keep their colours best then; whether there are any.
-fn exchange(things: &mut [Thing]) -> bool {
-    let points: usize =
-        things.iter().flat_map(|thing| thing.pieces.iter().flatten()).map(|piece| piece.members.len()).sum();
-    let instants = things.first().map_or(0, |thing| thing.pieces.len());
-    let meetings = pairs(things.len()).flat_map(|pair| (1..instants).map(move |instant| (pair, instant)));
-    let gain = |([a, b], instant): ([usize; 2], usize)| {
-        let [one, other] = [&things[a], &things[b]];
-        let bounce = one.same(other, instant) + other.same(one, instant);
-        let pass = one.same(one, instant) + other.same(other, instant);
-        one.meets(other, instant).then_some((bounce - pass, [a, b], instant))
-    };
-    let Some((gain, [a, b], instant)) = meetings.filter_map(gain).max_by(|one, other| one.0.total_cmp(&other.0)) else {
-        return false;
-    };
-    if gain < BOUNCE * points as f64 {
-        return false;
-    }
-    let (low, high) = things.split_at_mut(a);
-    let [one, other] = [&mut low[b], &mut high[0]];
-    one.pieces[instant..].swap_with_slice(&mut other.pieces[instant..]);
-    one.met.push(instant);
-    other.met.push(instant);
-    true
 }
 
 /// Each two of so many things, the later first.
@@ -266,8 +294,8 @@ mod tests {
     }
 
     /// What is followed in points of things that are where `way` has them.
-    fn things(ways: &[&dyn Fn(f64) -> DVec3], shape: &[DVec3]) -> Separated {
-        let of = |t: f64, thing: usize| shape.iter().map(move |point| (ways[thing](t) + *point, PAINTS[thing]));
+    fn things(ways: &[&dyn Fn(f64) -> DVec3], paints: [[u8; 3]; 4], shape: &[DVec3]) -> Separated {
+        let of = |t: f64, thing: usize| shape.iter().map(move |point| (ways[thing](t) + *point, paints[thing]));
         let instants: Vec<(Vec<DVec3>, Vec<[u8; 3]>)> =
             times().into_iter().map(|t| (0..ways.len()).flat_map(|thing| of(t, thing)).unzip()).collect();
         let clouds: Vec<Cloud<'_>> = instants.iter().map(|(points, colours)| Cloud { points, colours }).collect();
@@ -293,18 +321,20 @@ mod tests {
     fn four_that_fly_in_touching_pairs_are_told_apart_and_two_of_them_bounce() {
         // The nearer they come to one another the more each pair falls as one thing would.
         for nearest_m in [0.09, 0.05] {
-            four_in_pairs(nearest_m);
+            four_in_pairs(nearest_m, PAINTS);
         }
+        // The two that bounce look the same: as they fly tells that they do.
+        four_in_pairs(0.09, [PAINTS[0], PAINTS[0], PAINTS[2], PAINTS[3]]);
     }
 
-    fn four_in_pairs(nearest_m: f64) {
+    fn four_in_pairs(nearest_m: f64, paints: [[u8; 3]; 4]) {
         let ball: Vec<DVec3> = directions(120).into_iter().map(|along| 0.09 * along).collect();
         // The inner two meet in the middle and fly back, the outer two pass, so that each pair changes a partner.
         let back = |t: f64, side: f64| fall(t) + side * (nearest_m + 2.2 * (t - 0.3).abs()) * DVec3::X;
         let past = |t: f64, side: f64| fall(t) + DVec3::new(side * 2.2 * (t - 0.3), side * 0.18, 0.0);
         let ways: [&dyn Fn(f64) -> DVec3; 4] =
             [&|t| back(t, -1.0), &|t| back(t, 1.0), &|t| past(t, 1.0), &|t| past(t, -1.0)];
-        let apart = things(&ways, &ball);
+        let apart = things(&ways, paints, &ball);
         assert_eq!(apart.things.len(), 4, "in the place of {:?}", apart.tracks);
         for way in ways {
             let off = |thing: &Thing| {
@@ -333,9 +363,9 @@ mod tests {
             })
             .collect();
         let swinging = |t: f64| DVec3::new(0.8 * (9.0 * t).sin(), 0.2 * (18.0 * t).cos(), 2.0);
-        assert_eq!(things(&[&swinging], &rod).things.len(), 0);
-        assert_eq!(things(&[&fall], &rod).things.len(), 0);
+        assert_eq!(things(&[&swinging], PAINTS, &rod).things.len(), 0);
+        assert_eq!(things(&[&fall], PAINTS, &rod).things.len(), 0);
         let zigzag = |t: f64| DVec3::new((10.0 * t).fract(), 0.0, 2.0);
-        assert_eq!(things(&[&zigzag], &rod).things.len(), 0);
+        assert_eq!(things(&[&zigzag], PAINTS, &rod).things.len(), 0);
     }
 }
