@@ -1,38 +1,53 @@
-//! `erfgs simulate`: an event camera looks at a grey-level video.
+//! `erfgs simulate`: an event camera looks at a video.
 
-use std::path::PathBuf;
+mod frames;
+
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use erfgs_events::{Events, npz};
-use erfgs_replay::{Luma, Mode, Simulator, SimulatorConfig};
+use erfgs_replay::{Mode, Simulator, SimulatorConfig};
+use erfgs_session::{
+    container::Recording,
+    export::{EventsFormat, write_events},
+};
 use serde::Serialize;
 
+use self::frames::Frames;
 use crate::{
     errors::{Usage, not_over},
     terminal::{Terminal, table, thousands},
 };
 
-/// Simulate an event camera on a grey-level video.
+/// Simulate an event camera that looks at a video.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-LUMA.npz holds `luma[T, H, W]` (u8, display-referred). The events are `t` (microseconds), `x`, `y` and `p` (1 = ON).
+The input is a video (ffmpeg decodes it), a folder of PNG or JPEG files in the order of the numbers in their names, or an .npz archive with \
+`luma[T, H, W]` (u8, display-referred). Colours become luma (0.299 R + 0.587 G + 0.114 B). Between two frames brightness is taken to change \
+evenly: what moves by more than a few pixels from one to the next makes events at its old and its new place and none between.
+
+The end of --out tells the format: .npz (arrays `t` in microseconds, `x`, `y` and `p`, 1 = ON), .csv, .raw (EVT 3 or 2), .dat, .aedat4, and \
+.h5 if erfgs was built with --features hdf5.
 
 Modes:
   parity    v2e's pixel model as its code has it; without noise, the same events
   enhanced  exact low-pass and crossing times, thresholds that vary with each event, Poisson noise
 
 Examples:
+  erfgs simulate slow-motion.mp4 --fps 240 --out events.raw
+  erfgs simulate frames --fps 1000 --simulator clean --out events.npz
   erfgs simulate luma.npz --fps 30 --mode parity --threshold 0.2 --out events.npz
   erfgs simulate luma.npz --fps 30 --simulator noisy --seed 7 --out events.npz
   erfgs simulate luma.npz --fps 120 --mode enhanced --sigma 0.03 --cutoff-hz 200 --out events.npz")]
 pub struct Arguments {
-    /// The video: an .npz archive with `luma[T, H, W]`.
-    luma: PathBuf,
-    /// Frames a second.
+    /// The video, a folder of pictures, or an .npz archive with `luma[T, H, W]`.
+    #[arg(value_name = "VIDEO|FOLDER|LUMA.npz")]
+    input: PathBuf,
+    /// Frames a second, as they were recorded. Default: when a video's container shows them.
     #[arg(long, value_parser = frame_rate)]
-    fps: f64,
+    fps: Option<f64>,
     /// The event file to write.
-    #[arg(long, value_name = "EVENTS.npz")]
+    #[arg(long, value_name = "EVENTS.npz|csv|raw|dat|aedat4|h5")]
     out: PathBuf,
     /// Overwrite existing files.
     #[arg(long)]
@@ -159,31 +174,35 @@ struct Summary<'a> {
 /// Simulates and writes the events.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let config = arguments.sensor.config(arguments.seed)?;
+    let format = format(&arguments.out)?;
     not_over(&arguments.out, arguments.force)?;
-    let luma = npz::read_luma(&arguments.luma)?;
-    let pixels = luma.width as usize * luma.height as usize;
+    let mut video = Frames::open(&arguments.input, arguments.fps)?;
+    let [width, height] = video.size();
     let started = std::time::Instant::now();
-    let mut simulator = Simulator::new(luma.width, luma.height, &config, 0)?;
-    let mut events = Events::new(luma.width, luma.height);
+    let mut simulator = Simulator::new(width, height, &config, 0)?;
+    let mut events = Events::new(width, height);
     let progress = terminal.progress("simulating");
-    for (index, frame) in luma.data.chunks_exact(pixels.max(1)).enumerate() {
-        let t_ns = (index as f64 * 1e9 / arguments.fps).round() as i64;
-        simulator.step(Luma::U8(frame), t_ns, &mut events)?;
-        progress.update(index as u64 + 1, luma.frames as u64, "frames");
+    let (mut frames, count) = (0, video.count());
+    while let Some((grey, t_ns)) = video.next()? {
+        simulator.step(grey.luma(), t_ns, &mut events)?;
+        frames += 1;
+        progress.update(frames, count.unwrap_or(frames).max(frames), "frames");
     }
     drop(progress);
+    let frames = frames as usize;
+    let pixels = width as usize * height as usize;
     let seconds = started.elapsed().as_secs_f64();
-    npz::write_events(&arguments.out, &events).context("the events were simulated but not written")?;
+    write(&arguments.out, format, &events).context("the events were simulated but not written")?;
     let on = events.on.iter().filter(|&&on| on).count();
     let summary = Summary {
-        frames: luma.frames,
-        width: luma.width,
-        height: luma.height,
+        frames,
+        width,
+        height,
         events: events.len(),
         on,
         off: events.len() - on,
         seconds,
-        mpix_per_s: (luma.frames * pixels) as f64 * 1e-6 / seconds,
+        mpix_per_s: (frames * pixels) as f64 * 1e-6 / seconds,
         out: &arguments.out,
         simulator: config,
     };
@@ -203,4 +222,38 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             vec!["file".into(), arguments.out.display().to_string()],
         ])
     })
+}
+
+/// The format that the end of a name tells; none of NumPy's arrays.
+fn format(out: &Path) -> Result<Option<EventsFormat>, Usage> {
+    let extension = out.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+    match extension.as_deref() {
+        Some("npz") => Ok(None),
+        Some("csv") => Ok(Some(EventsFormat::Csv)),
+        Some("raw") => Ok(Some(EventsFormat::Raw)),
+        Some("dat") => Ok(Some(EventsFormat::Dat)),
+        Some("aedat4") => Ok(Some(EventsFormat::Aedat4)),
+        Some("h5" | "hdf5") if !cfg!(feature = "hdf5") => {
+            let remedy = "install libhdf5-dev and build with `cargo build --release --features hdf5`";
+            Err(Usage(format!("this erfgs was built without HDF5; {remedy}, or give --out another format")))
+        }
+        Some("h5" | "hdf5") => Ok(Some(EventsFormat::Hdf5)),
+        _ => Err(Usage(format!(
+            "'{}' tells no format of events: give --out a name that ends with .npz, .csv, .raw, .dat, .aedat4 or .h5",
+            out.display()
+        ))),
+    }
+}
+
+/// Writes the events: as arrays, or from these as any other format.
+fn write(out: &Path, format: Option<EventsFormat>, events: &Events) -> anyhow::Result<()> {
+    let Some(format) = format else { return Ok(npz::write_events(out, events)?) };
+    let scratch = erfgs_base::scratch::Scratch::new().context("cannot make a folder for intermediate files")?;
+    let arrays = scratch.path().join("events.npz");
+    npz::write_events(&arrays, events)?;
+    let mut recording = Recording::open(&arrays, None)?;
+    let stream = recording.summary().streams.first().map(|stream| stream.description.id.clone());
+    let stream = stream.context("the simulated events are no stream")?;
+    write_events(&mut recording, &stream, format, out, &mut Vec::new(), |_| {})?;
+    Ok(())
 }

@@ -123,8 +123,11 @@ pub(super) fn images(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     Ok(found)
 }
 
-/// The images in a folder as frames that follow each other, by all numbers in their names.
-pub(super) fn frames(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
+/// The images in a folder (PNG, JPEG) as frames that follow each other, by all numbers in their names.
+///
+/// # Errors
+/// The folder cannot be read, or nobody knows which of two comes first.
+pub fn frames(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     in_order(images(folder)?, folder)
 }
 

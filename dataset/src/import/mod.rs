@@ -24,6 +24,7 @@ pub mod session;
 mod stamps;
 mod write;
 
+pub use common::frames as pictures;
 pub use error::ImportError;
 
 /// How a recording is imported. The defaults import all of it, unscaled.
