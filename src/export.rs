@@ -21,6 +21,7 @@ use erfgs_session::{
     source::Encoding,
 };
 
+pub use self::format::events_format;
 use self::{
     event_video::Pictures,
     format::{Format, Kind, STREAM_FORMATS, To, to},

@@ -16,6 +16,7 @@ use serde::Serialize;
 use self::frames::Frames;
 use crate::{
     errors::{Usage, not_over},
+    export::events_format,
     terminal::{Terminal, table, thousands},
 };
 
@@ -224,21 +225,16 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     })
 }
 
-/// The format that the end of a name tells; none of NumPy's arrays.
-fn format(out: &Path) -> Result<Option<EventsFormat>, Usage> {
-    let extension = out.extension().map(|extension| extension.to_string_lossy().to_lowercase());
-    match extension.as_deref() {
-        Some("npz") => Ok(None),
-        Some("csv") => Ok(Some(EventsFormat::Csv)),
-        Some("raw") => Ok(Some(EventsFormat::Raw)),
-        Some("dat") => Ok(Some(EventsFormat::Dat)),
-        Some("aedat4") => Ok(Some(EventsFormat::Aedat4)),
-        Some("h5" | "hdf5") if !cfg!(feature = "hdf5") => {
+/// The format that the end of a name tells.
+fn format(out: &Path) -> Result<EventsFormat, Usage> {
+    let extension = out.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
+    match events_format(if extension == "hdf5" { "h5" } else { &extension }) {
+        Some(EventsFormat::Hdf5) if !cfg!(feature = "hdf5") => {
             let remedy = "install libhdf5-dev and build with `cargo build --release --features hdf5`";
             Err(Usage(format!("this erfgs was built without HDF5; {remedy}, or give --out another format")))
         }
-        Some("h5" | "hdf5") => Ok(Some(EventsFormat::Hdf5)),
-        _ => Err(Usage(format!(
+        Some(format) => Ok(format),
+        None => Err(Usage(format!(
             "'{}' tells no format of events: give --out a name that ends with .npz, .csv, .raw, .dat, .aedat4 or .h5",
             out.display()
         ))),
@@ -246,8 +242,10 @@ fn format(out: &Path) -> Result<Option<EventsFormat>, Usage> {
 }
 
 /// Writes the events: as arrays, or from these as any other format.
-fn write(out: &Path, format: Option<EventsFormat>, events: &Events) -> anyhow::Result<()> {
-    let Some(format) = format else { return Ok(npz::write_events(out, events)?) };
+fn write(out: &Path, format: EventsFormat, events: &Events) -> anyhow::Result<()> {
+    if format == EventsFormat::Npz {
+        return Ok(npz::write_events(out, events)?);
+    }
     let scratch = erfgs_base::scratch::Scratch::new().context("cannot make a folder for intermediate files")?;
     let arrays = scratch.path().join("events.npz");
     npz::write_events(&arrays, events)?;

@@ -12,6 +12,12 @@ pub fn read(path: &Path) -> io::Result<String> {
     decode(std::fs::read(path)?)
 }
 
+/// A cell of a table of comma-separated values, in quotes where it needs them (RFC 4180).
+#[must_use]
+pub fn csv_cell(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
+}
+
 fn decode(bytes: Vec<u8>) -> io::Result<String> {
     let wrong = |what: String| io::Error::new(io::ErrorKind::InvalidData, what);
     let units = |of: fn([u8; 2]) -> u16| {

@@ -72,6 +72,14 @@ pub(super) enum Kind {
     Bridge(bridge::Tool),
 }
 
+/// What events are written as in files with this extension; none where it is of no format of events.
+pub fn events_format(extension: &str) -> Option<EventsFormat> {
+    match Format::from_str(extension, false).ok()?.kind() {
+        Kind::Events(format) => Some(format),
+        _ => None,
+    }
+}
+
 impl Format {
     pub fn extension(self) -> &'static str {
         match self {

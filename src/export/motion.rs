@@ -5,14 +5,11 @@
 
 use std::path::{Path, PathBuf};
 
-use erfgs_base::{FileError, atomic};
+use erfgs_base::{FileError, atomic, text::csv_cell};
 use erfgs_calibrate::geometry::rigid;
 use erfgs_run::RunFolder;
 use erfgs_scene::Pose;
-use erfgs_splat::{
-    gaussians::{CORE, Gaussians},
-    trained::TrainedScene,
-};
+use erfgs_splat::{gaussians::Gaussians, trained::TrainedScene};
 use glam::{DQuat, DVec3};
 use serde::Serialize;
 
@@ -153,8 +150,7 @@ fn bodies(scene: &TrainedScene<'_>, folder: &RunFolder) -> Result<Vec<Followed>,
 }
 
 fn place(gaussians: &Gaussians, index: usize) -> DVec3 {
-    let core = &gaussians.core[index * CORE..];
-    DVec3::new(core[0].into(), core[1].into(), core[2].into())
+    gaussians.mean(index).map(f64::from).into()
 }
 
 /// A body at an instant, from where all Gaussians are then; none while it is not there.
@@ -188,7 +184,7 @@ fn rates(samples: &[Sample]) -> Vec<[DVec3; 2]> {
 
 /// The rows of a body, whose rotations change sign nowhere.
 fn rows(body: &Followed, begin_ns: i64) -> String {
-    let name = quoted(&body.name);
+    let name = csv_cell(&body.name);
     let mut last = DQuat::IDENTITY;
     let row = |(sample, [velocity, rate]): (&Sample, [DVec3; 2])| {
         let Sample { t_ns, place, mut rotation, bends_m } = *sample;
@@ -203,11 +199,6 @@ fn rows(body: &Followed, begin_ns: i64) -> String {
         format!("{name},{t_ns},{seconds:.6}{numbers},{bends_m:.5}\n")
     };
     std::iter::zip(&body.samples, rates(&body.samples)).map(row).collect()
-}
-
-/// A name as a field of CSV.
-fn quoted(name: &str) -> String {
-    if name.contains([',', '"', '\n', '\r']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_owned() }
 }
 
 fn moved(body: &Followed) -> Moved {

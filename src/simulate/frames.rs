@@ -58,8 +58,7 @@ impl Frames {
             }
             return Self::after_first(Source::Pictures(pictures), rate);
         }
-        let is_archive = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("npz"));
-        if is_archive || !path.exists() {
+        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("npz")) {
             let archive = npz::read_luma(path)?;
             let size = [archive.width, archive.height];
             return Ok(Self { from: Source::Archive(archive), times: rate()?, first: None, size, next: 0 });

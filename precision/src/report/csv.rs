@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use erfgs_base::text::csv_cell;
+
 use super::places;
 use crate::Outcome;
 
@@ -15,14 +17,14 @@ pub fn csv(outcomes: &[Outcome]) -> String {
         for curve in &outcome.curves {
             for (place, spent) in places(curve) {
                 for (measure, error) in outcome.about.measures.iter().zip(&spent.errors) {
-                    let words = [outcome.about.name, &curve.knob, &place.setting].map(quoted).join(",");
+                    let words = [outcome.about.name, &curve.knob, &place.setting].map(csv_cell).join(",");
                     let [least, most] = spent.cpu_range;
                     let _ = writeln!(
                         text,
                         "{words},{},{},{},{error},{},{least},{most},{},{}",
                         place.default,
-                        quoted(measure.name),
-                        quoted(measure.unit),
+                        csv_cell(measure.name),
+                        csv_cell(measure.unit),
                         spent.cpu_seconds,
                         spent.wall_seconds,
                         spent.runs
@@ -32,9 +34,4 @@ pub fn csv(outcomes: &[Outcome]) -> String {
         }
     }
     text
-}
-
-/// A cell, in quotes where it needs them (RFC 4180).
-fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
 }

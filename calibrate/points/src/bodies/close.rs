@@ -165,22 +165,24 @@ impl<'a> Pieces<'a> {
         let by_colours =
             meetings.iter().filter(|(gain, ..)| *gain >= BOUNCE).max_by(|a, b| a.0.total_cmp(&b.0)).copied();
         let by_flight = || {
-            let apart = |&(gain, [a, b], instant): &(f64, [usize; 2], usize)| {
-                let flown = |[one, other]: [&Thing; 2]| {
-                    let [one, other] = [one, other].map(|thing| thing.apart(self.followed).unwrap_or(f64::INFINITY));
-                    one.max(other)
-                };
-                let [one, other] = known[a].bounced(&known[b], instant);
-                let bounce = flown([&one, &other]);
-                let told = gain > -BOUNCE && bounce < 1.0 && flown([&known[a], &known[b]]) >= 1.0;
-                told.then_some((bounce, [a, b], instant))
+            let bounce = |&(gain, [a, b], instant): &(f64, [usize; 2], usize)| {
+                let [one, other] = [&known[a], &known[b]];
+                let may_bounce = gain > -BOUNCE && self.farther(one, other) >= 1.0;
+                let [one, other] = may_bounce.then(|| one.bounced(other, instant))?;
+                Some((self.farther(&one, &other), [a, b], instant)).filter(|(apart, ..)| *apart < 1.0)
             };
-            meetings.iter().filter_map(apart).min_by(|a, b| a.0.total_cmp(&b.0))
+            meetings.iter().filter_map(bounce).min_by(|a, b| a.0.total_cmp(&b.0))
         };
         let Some((_, [a, b], instant)) = by_colours.or_else(by_flight) else { return false };
         let [one, other] = known[a].bounced(&known[b], instant);
         (things[a], things[b]) = (one, other);
         true
+    }
+
+    /// How far the one of two things is from its flight that is farther, compared with how far what flies may be.
+    fn farther(&self, one: &Thing, other: &Thing) -> f64 {
+        let [one, other] = [one, other].map(|thing| thing.apart(self.followed).unwrap_or(f64::INFINITY));
+        one.max(other)
     }
 
     /// The points of each thing of a mixture at each instant.
