@@ -236,7 +236,11 @@ impl Recorder {
             }
             let started = lock(&slot.source).start(Arc::clone(&slot.outlet) as _);
             if let Err(source) = started {
-                lock(&slot.watch).state = StreamState::Stopped;
+                {
+                    let mut watch = lock(&slot.watch);
+                    watch.state = StreamState::Stopped;
+                    watch.started = None;
+                }
                 self.stop_in_order(self.start_order().into_iter().take(done).rev());
                 let (id, model) = (slot.description.id.clone(), slot.description.model.clone());
                 return Err(RecordError::Start { id, model, source });

@@ -6,6 +6,7 @@ use std::{
 };
 
 use erfgs_recorder::{RecordError, Recorder, StreamState};
+use erfgs_rig::host_time::host_ns;
 
 use crate::record::support::{Disk, Opener, Puppet, one, options, packet, wait_until};
 
@@ -35,7 +36,14 @@ fn a_device_that_refuses_to_start_stops_those_before_it_and_is_named() {
     let error = recorder.start_sources().unwrap_err();
     assert!(error.to_string().contains("'bad'") && error.to_string().contains("does not want to"), "{error}");
     assert_eq!(*journal.lock().unwrap(), ["start good", "start bad", "stop good"]);
-    assert!(recorder.status().streams.iter().all(|stream| stream.state == StreamState::Stopped));
+    // And so they stay: what the watchdog finds at its next look is the same.
+    // (The first one after the refusal may have begun before it.)
+    for look in ["a look after the refusal", "a second look"] {
+        let before = host_ns();
+        wait_until(look, || recorder.status().host_ns > before);
+    }
+    let states: Vec<StreamState> = recorder.status().streams.iter().map(|stream| stream.state).collect();
+    assert_eq!(states, [StreamState::Stopped; 3]);
 }
 
 #[test]
