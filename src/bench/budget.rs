@@ -40,6 +40,7 @@ cores and minutes on a GPU. --seeds 1 takes a third of it, and does not show the
 Examples:
   erfgs bench budget --out budget
   erfgs bench budget --out budget --only 'place' --only 'events late'
+  erfgs bench budget --out budget --only 'place=3' --only 'event cameras=1' --seeds 1
   erfgs bench budget ds --out budget-of-ds
   erfgs bench budget --small --out try")]
 pub struct Arguments {
@@ -48,8 +49,8 @@ pub struct Arguments {
     /// The folder for datasets, trainings and the report.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
-    /// Only errors whose name contains this, ignoring case; may be given again.
-    #[arg(long, value_name = "TEXT")]
+    /// Only errors whose name contains this, ignoring case, or only one size of it; may be given again.
+    #[arg(long, value_name = "TEXT[=SIZE]")]
     only: Vec<String>,
     /// Iterations of each training.
     #[arg(long, value_name = "[COARSE+]FINE", default_value_t = ITERATIONS)]
@@ -145,19 +146,37 @@ fn base(arguments: &Arguments, datasets: &Path, terminal: &Terminal) -> anyhow::
 
 fn chosen(arguments: &Arguments, base: &Base) -> anyhow::Result<Vec<Cause>> {
     let mut causes = causes(base);
-    let names: Vec<&str> = causes.iter().map(|cause| cause.about.name).collect();
-    let known = format!("there are {}", names.join(", "));
-    let named = |cause: &Cause| {
-        let has = |text: &String| cause.about.name.to_lowercase().contains(&text.to_lowercase());
-        arguments.only.is_empty() || arguments.only.iter().any(has)
-    };
-    causes.retain(named);
-    if causes.is_empty() {
-        return Err(Usage(format!("no error has this name; {known}")).into());
+    if !arguments.only.is_empty() {
+        causes = only(causes, &arguments.only)?;
     }
     if arguments.small {
         causes.iter_mut().for_each(|cause| cause.steps.truncate(1));
     }
+    Ok(causes)
+}
+
+/// Of these the steps that are asked for, each by its error's name, or by name and size.
+fn only(mut causes: Vec<Cause>, asked: &[String]) -> Result<Vec<Cause>, Usage> {
+    let has = |text: &str, name_of: &str, size: f64| {
+        let (name, of_size) = text.split_once('=').map_or((text, None), |(name, size)| (name, Some(size)));
+        name_of.to_lowercase().contains(&name.trim().to_lowercase())
+            && of_size.is_none_or(|of_size| of_size.trim().parse() == Ok(size))
+    };
+    for text in asked {
+        if !causes.iter().any(|cause| cause.steps.iter().any(|step| has(text, cause.about.name, step.size))) {
+            let known = |cause: &Cause| {
+                let sizes: Vec<String> = cause.steps.iter().map(|step| step.size.to_string()).collect();
+                format!("{} ({})", cause.about.name, sizes.join(", "))
+            };
+            let known: Vec<String> = causes.iter().map(known).collect();
+            return Err(Usage(format!("no error is named '{text}'; errors and their sizes are {}", known.join(", "))));
+        }
+    }
+    for cause in &mut causes {
+        let name = cause.about.name;
+        cause.steps.retain(|step| asked.iter().any(|text| has(text, name, step.size)));
+    }
+    causes.retain(|cause| !cause.steps.is_empty());
     Ok(causes)
 }
 
@@ -286,4 +305,30 @@ fn describe(budget: &Budget, folder: &Path) -> String {
     }
     text.push_str(&format!("\n{}", folder.join("budget.html").display()));
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_are_chosen_by_name_and_by_size_and_unknown_ones_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let base = Base::of_stage(Size::Small, folder.path(), &|_| ()).unwrap();
+        let chosen = |asked: &[&str]| {
+            let asked: Vec<String> = asked.iter().map(ToString::to_string).collect();
+            let causes = only(causes(&base), &asked).map_err(|Usage(words)| words)?;
+            let steps = causes.iter().flat_map(|cause| &cause.steps);
+            Ok::<_, String>(steps.map(|step| step.name.clone()).collect::<Vec<_>>())
+        };
+        assert_eq!(
+            chosen(&["place=3", "Event Noise = 10", "place=1"]).unwrap(),
+            ["place-1", "place-3", "event-noise-10"]
+        );
+        assert_eq!(chosen(&["late"]).unwrap().len(), 8);
+        for wrong in ["gravity", "place=2", "place=", "place=3 mm"] {
+            let words = chosen(&["late", wrong]).unwrap_err();
+            assert!(words.contains(&format!("'{wrong}'")) && words.contains("place (1, 3, 10, 30)"), "{words}");
+        }
+    }
 }
