@@ -11,7 +11,8 @@ use crate::terminal::{Terminal, table, thousands};
 /// Fit the clocks of a session anew and plot how well they fit.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Ties every stream to the session clock, in one of three tiers:
+Ties every stream to the session clock, in one of four tiers:
+  S  strobe: both ends of each exposure, as an event camera saw them at its trigger input
   A  hardware-triggered: edges and frames are matched with the trigger board's pulses
   B  free-running: event cameras by the arrival of their data, frames by the kernel's stamps
   C  as B, with the lag measured by a flashing lamp (--flash)

@@ -26,6 +26,7 @@ impl From<StreamSync> for Clock {
 
 fn tier(tier: Tier) -> &'static str {
     match tier {
+        Tier::Strobe => "strobe",
         Tier::HardwareTriggered => "hardware-triggered",
         Tier::Flash => "flash",
         Tier::FreeRunning => "free-running",
@@ -50,7 +51,8 @@ impl Clock {
         self.0.id.clone()
     }
 
-    /// How the stream is tied to the session's clock, of several parts the worst: "hardware-triggered", "flash" or "free-running".
+    /// How the stream is tied to the session's clock, of several parts the worst: "strobe", "hardware-triggered", "flash" or
+    /// "free-running".
     #[getter]
     fn tier(&self) -> &'static str {
         tier(self.0.tier)
@@ -139,7 +141,7 @@ impl ClockPart {
         Ok(self.fit()?.rate_error_ppm())
     }
 
-    /// How it is tied to the session's clock: "hardware-triggered", "flash" or "free-running".
+    /// How it is tied to the session's clock: "strobe", "hardware-triggered", "flash" or "free-running".
     #[getter]
     fn tier(&self) -> PyResult<&'static str> {
         Ok(tier(Tier::of(self.fit()?)))

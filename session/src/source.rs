@@ -75,6 +75,15 @@ impl Description {
         (exposure_us > 0.0 && exposure_us <= 1e-3 * LONGEST_EXPOSURE_NS).then(|| (1e3 * exposure_us).round() as i64)
     }
 
+    /// The event cameras whose trigger inputs the camera's strobe goes to: its setting `strobe_to`; none where that is not
+    /// said. `None` where the camera has no strobe: no setting `strobe_line`.
+    #[must_use]
+    pub fn strobe(&self) -> Option<Vec<&str>> {
+        self.settings.get("strobe_line")?.as_str().filter(|line| !line.is_empty())?;
+        let names = self.settings.get("strobe_to").and_then(serde_json::Value::as_array);
+        Some(names.into_iter().flatten().filter_map(serde_json::Value::as_str).collect())
+    }
+
     /// Whether each frame is taken at a pulse of the trigger board: the setting `triggered`.
     #[must_use]
     pub fn is_triggered(&self) -> bool {

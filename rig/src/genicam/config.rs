@@ -17,6 +17,8 @@ pub struct GenicamConfig {
     pub trigger_activation: String,
     /// The output that is active while the sensor is exposed, if one is wanted.
     pub strobe_line: String,
+    /// The event cameras whose trigger inputs it goes to; none: what synchronisation finds.
+    pub strobe_to: Vec<String>,
     /// What the camera is to measure of each frame: `Timestamp`, `ExposureTime`, `FrameID`.
     pub chunks: Vec<String>,
     /// Most bytes a second that it may send, where cameras share a link.
@@ -51,6 +53,7 @@ impl Default for GenicamConfig {
             trigger_line: String::new(),
             trigger_activation: "RisingEdge".into(),
             strobe_line: String::new(),
+            strobe_to: Vec::new(),
             chunks: Vec::new(),
             throughput: None,
             reset: false,
@@ -77,6 +80,9 @@ impl GenicamConfig {
         }
         if let Some(bytes) = self.packet_bytes.filter(|bytes| !(576..=16_000).contains(bytes)) {
             return Some(format!("genicam.packet_bytes is {bytes}; it can be 576 to 16000, or be left out"));
+        }
+        if self.strobe_line.is_empty() && !self.strobe_to.is_empty() {
+            return Some("genicam.strobe_to is there without strobe_line, the output that it is about".into());
         }
         if self.packet_delay_ns > 1_000_000_000 {
             return Some("genicam.packet_delay_ns can be 0 to 1000000000".into());

@@ -396,6 +396,10 @@ fn read_back(
     let values: Map<String, Value> =
         names.filter_map(|name| Some(((*name).to_owned(), features.value(name)?))).collect();
     settings.insert("genicam".into(), json!(values));
+    if !wishes.more.strobe_line.is_empty() {
+        settings.insert("strobe_line".into(), json!(wishes.more.strobe_line));
+        settings.insert("strobe_to".into(), json!(wishes.more.strobe_to));
+    }
     let period_us = 1e6 / wishes.rate_hz;
     if let Some(exposure_us) = exposure_us.filter(|exposure_us| *exposure_us > period_us) {
         let reason =

@@ -87,6 +87,12 @@ impl Fitted {
         self.delay_ns = self.epoch.clock.as_ref().map_or(0.0, |clock| delay_ns(clock, &self.arrivals));
     }
 
+    /// Fits the clock to edges whose times are known otherwise.
+    pub fn tie(&mut self, known: Vec<Sample>) {
+        self.known = known;
+        self.fit();
+    }
+
     fn samples(&self) -> usize {
         self.known.len() + self.arrivals.len()
     }

@@ -11,12 +11,12 @@ use serde::{Deserialize, Serialize};
 pub struct Exposures {
     /// Sequence numbers of the packets.
     pub sequence: Vec<u64>,
-    /// The pulse that triggered each frame; empty for a free-running camera.
+    /// The pulse of the board that triggered each frame; empty where that is not how frames are dated.
     pub pulse: Vec<u64>,
     /// The middle of each exposure, nanoseconds of session time.
     pub mid_ns: Vec<i64>,
-    /// How long each frame was exposed, nanoseconds: as the camera was set, or while its own trigger was high; empty where
-    /// nothing tells.
+    /// How long each frame was exposed, nanoseconds: as the camera was set, or while its own trigger or its strobe was high; empty
+    /// where nothing tells.
     pub exposure_ns: Vec<i64>,
     /// How long after the middle of the exposure a frame is stamped, nanoseconds: the median that was found (triggered; where
     /// exposures differ, of a frame of the usual length), or what was assumed or found by a flash and has been taken off.
@@ -26,9 +26,9 @@ pub struct Exposures {
     pub residuals: Residuals,
     /// Frames of a free-running camera whose stamps were fitted with a period; the others have their stamps as they are.
     pub fitted: u64,
-    /// Pulses between the first and the last matched one that gave no frame.
+    /// Pulses or strobes between the first and the last matched one that gave no frame.
     pub missed_pulses: u64,
-    /// Frames that belong to no pulse of the board.
+    /// Frames that belong to no pulse or strobe.
     pub unmatched: u64,
 }
 

@@ -36,11 +36,16 @@ pub fn match_pulses(frames: &[Arrived], board: &Board, exposure_ns: Option<i64>)
             Shot { pulse, exposure: Exposure::beginning(board.rise_ns(line), length_ns) }
         })
         .collect();
-    let Some(period_ns) = board.period_ns() else {
-        return Exposures { unmatched: frames.len() as u64, ..Exposures::default() };
-    };
+    match board.period_ns() {
+        Some(period_ns) => match_shots(frames, &shots, period_ns, EARLY_NS),
+        None => Exposures { unmatched: frames.len() as u64, ..Exposures::default() },
+    }
+}
+
+/// As [`match_pulses`], with exposures that come every `period_ns`; a frame may be stamped `early_ns` before its own ends.
+pub(super) fn match_shots(frames: &[Arrived], shots: &[Shot], period_ns: i64, early_ns: i64) -> Exposures {
     let lags = frames.iter().filter_map(|frame| {
-        let at = shots.partition_point(|shot| shot.close_ns() <= frame.stamp_ns.saturating_add(EARLY_NS));
+        let at = shots.partition_point(|shot| shot.close_ns() <= frame.stamp_ns.saturating_add(early_ns));
         let shot = shots.get(at.checked_sub(1)?)?;
         // Frames of before and after the train would say nothing.
         let behind = |at_ns: i64| frame.stamp_ns.saturating_sub(at_ns);
@@ -84,10 +89,10 @@ pub fn match_pulses(frames: &[Arrived], board: &Board, exposure_ns: Option<i64>)
     exposures
 }
 
-/// A pulse, and the exposure of a camera that it triggers.
-struct Shot {
-    pulse: u64,
-    exposure: Exposure,
+/// A pulse, and the exposure of a camera that it triggers or that it shows.
+pub(super) struct Shot {
+    pub pulse: u64,
+    pub exposure: Exposure,
 }
 
 impl Shot {

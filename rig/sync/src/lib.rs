@@ -5,8 +5,8 @@
 //! the code on the pulses numbers; frames belong to the pulses that triggered them. What the board's own clock may be off
 //! is common to all of them, so that they agree with one another far better than with the host.
 //!
-//! Three tiers are declared for each stream ([`Tier`]): hardware-triggered, free-running with arrival or kernel stamps,
-//! and free-running with a lag that a flash told.
+//! Four tiers are declared for each stream ([`Tier`]): a strobe that an event camera sees, hardware-triggered, free-running
+//! with arrival or kernel stamps, and free-running with a lag that a flash told.
 
 mod board;
 mod camera_clock;
@@ -26,6 +26,7 @@ mod pulses;
 pub mod reading;
 mod report;
 mod streams;
+mod strobe;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -41,4 +42,5 @@ pub use kept::{SyncError, SyncNote, kept, of_session};
 pub use plot::page;
 pub use pulses::{AlignError, Aligned, Pulses};
 pub use report::{StreamSync, SyncFileError, Synchronisation, Tier};
+pub use strobe::is_strobe;
 pub use table::Row;

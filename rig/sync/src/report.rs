@@ -19,6 +19,8 @@ pub const VERSION: u32 = 2;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Tier {
+    /// An event camera sees the camera's strobe: both ends of each exposure. Of an event camera: it sees one.
+    Strobe,
     /// The trigger board drives the stream, or the stream saw its pulses.
     HardwareTriggered,
     /// The stream runs freely; a flash that it saw tells its lag.
@@ -42,6 +44,7 @@ impl Tier {
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
+            Self::Strobe => "S, strobe",
             Self::HardwareTriggered => "A, hardware-triggered",
             Self::FreeRunning => "B, free-running",
             Self::Flash => "C, free-running with a flash",

@@ -10,7 +10,7 @@ use erfgs_session::{
 
 use super::{
     board::{Board, BoardLines, Bounds},
-    collect::{Events, Frames, Gathered},
+    collect::{Frames, Gathered},
     edges::Matched,
     epochs::{self, Fitted},
     even::{Even, even},
@@ -18,6 +18,7 @@ use super::{
     frames::{self, Arrived},
     lamp::Lamp,
     report::{StreamSync, Tier},
+    strobe::{self, Eye, Strobe},
 };
 
 /// A plot of more points than this shows no more.
@@ -46,23 +47,36 @@ pub(super) fn fit_all(streams: &[Stream], gathered: Vec<Gathered>) -> Vec<Stream
             other => others.push((stream, other)),
         }
     }
-    let mut frame_cameras = Vec::new();
-    let mut lamps: Vec<(Tier, Lamp)> = Vec::new();
+    let mut cameras = Vec::new();
+    let mut eyes = Vec::new();
     for (stream, gathered) in others {
         match gathered {
-            Gathered::Events(events) => {
-                let (sync, lit) = fit_events(&stream.description, *events, board.as_ref());
-                lamps.extend(Lamp::new(&sync.id, lit).map(|lamp| (sync.tier, lamp)));
+            Gathered::Events(events) if events.decoder.is_none() => {
+                let mut sync = empty(&stream.description.id, Tier::FreeRunning);
+                sync.faults.push("erfgs cannot decode the stream".into());
                 found.insert(sync.id.clone(), sync);
             }
-            Gathered::Frames(frames) => frame_cameras.push((stream, frames)),
+            Gathered::Events(events) => {
+                let Description { id, encoding, .. } = &stream.description;
+                let fitted = epochs::fit(events.stretches.finish(), *encoding, board.as_ref());
+                eyes.push(Eye { id, fitted, strobe_of: None });
+            }
+            Gathered::Frames(frames) => cameras.push((&stream.description, frames)),
             Gathered::Board(_) => {}
         }
     }
+    let mut strobes = strobe::find(&cameras, &mut eyes, board.as_ref());
+    let mut lamps: Vec<(Tier, Lamp)> = Vec::new();
+    for eye in eyes {
+        let (sync, lit) = fit_events(eye, board.as_ref());
+        lamps.extend(Lamp::new(&sync.id, lit).map(|lamp| (sync.tier, lamp)));
+        found.insert(sync.id.clone(), sync);
+    }
     // The best clock tells best when the lamp was lit.
     let lamp = lamps.into_iter().min_by_key(|(tier, _)| *tier).map(|(_, lamp)| lamp);
-    for (stream, frames) in frame_cameras {
-        let sync = fit_frames(&stream.description, &frames, board.as_ref(), lamp.as_ref());
+    for (description, frames) in cameras {
+        let strobe = strobes.remove(&description.id);
+        let sync = fit_frames(description, &frames, board.as_ref(), lamp.as_ref(), strobe);
         found.insert(sync.id.clone(), sync);
     }
     ids().filter_map(|id| found.remove(&id)).collect()
@@ -121,17 +135,21 @@ fn fit_board(id: &str, lines: BoardLines) -> (Option<Board>, StreamSync) {
 }
 
 /// The clocks of an event camera, and when it saw a lamp lit, if one is looked for.
-fn fit_events(description: &Description, events: Events, board: Option<&Board>) -> (StreamSync, Vec<[i64; 2]>) {
-    let mut sync = empty(&description.id, Tier::FreeRunning);
-    if events.decoder.is_none() {
-        sync.faults.push("erfgs cannot decode the stream".into());
-        return (sync, Vec::new());
-    }
-    let fitted = epochs::fit(events.stretches.finish(), description.encoding, board);
+fn fit_events(eye: Eye<'_>, board: Option<&Board>) -> (StreamSync, Vec<[i64; 2]>) {
+    let Eye { id, fitted, strobe_of } = eye;
+    let mut sync = empty(id, Tier::FreeRunning);
     sync.matched = fitted.iter().filter_map(|epoch| epoch.matched).reduce(Matched::and);
     // The worst of the epochs: it holds for the whole stream.
     sync.tier = fitted.iter().filter_map(|fitted| fitted.epoch.clock.as_ref()).map(Tier::of).max().unwrap_or(sync.tier);
-    tell_epochs(&fitted, board, &mut sync.faults);
+    if let Some(camera) = &strobe_of {
+        sync.notes.push(match sync.tier {
+            Tier::HardwareTriggered => format!("its clock is tied by the strobe of '{camera}' at its trigger input"),
+            _ => format!("its trigger input has the strobe of '{camera}', whose frames it dates by its own clock"),
+        });
+        sync.tier = Tier::Strobe;
+        sync.matched = None;
+    }
+    tell_epochs(&fitted, board.filter(|_| strobe_of.is_none()), &mut sync.faults);
     if let Some(Matched { seen, matched, .. }) = sync.matched
         && matched > 0
         && seen - matched.min(seen) > MANY_UNKNOWN.max(seen / 20)
@@ -201,11 +219,30 @@ fn many_outliers(clock: &Clock) -> Option<String> {
     })
 }
 
-fn fit_frames(description: &Description, frames: &Frames, board: Option<&Board>, lamp: Option<&Lamp>) -> StreamSync {
+fn fit_frames(
+    description: &Description,
+    frames: &Frames,
+    board: Option<&Board>,
+    lamp: Option<&Lamp>,
+    strobe: Option<Strobe>,
+) -> StreamSync {
     let mut sync = empty(&description.id, Tier::FreeRunning);
     let arrived = &frames.arrived[..];
     let exposure_ns = description.exposure_ns();
-    if let (Some(board), true) = (board, description.is_triggered()) {
+    match strobe {
+        Some(Strobe::Seen { by, exposures, inverted }) => {
+            sync.tier = Tier::Strobe;
+            sync.faults.extend(tell_strobes(&exposures, &by[0]));
+            sync.notes.push(format!("both ends of each exposure as {} saw its strobe", by.join(" and ")));
+            if inverted {
+                sync.notes.push("its strobe is low while it is exposed: taken as such".into());
+            }
+            sync.exposures = Some(exposures);
+        }
+        Some(Strobe::Unseen(why)) => sync.faults.push(why),
+        None => {}
+    }
+    if let (Some(board), true, None) = (board, description.is_triggered(), &sync.exposures) {
         let exposures = frames::match_pulses(arrived, board, exposure_ns);
         if exposures.pulse.is_empty() {
             sync.faults.push("no frame matched a pulse: check the wire to the camera's trigger".into());
@@ -264,6 +301,18 @@ fn tell_triggers(exposures: &Exposures) -> Vec<String> {
     }
     if exposures.unmatched > 0 {
         faults.push(format!("{} frames match no reported pulse of the board: they have no time", exposures.unmatched));
+    }
+    faults
+}
+
+/// What was lost between strobes and frames.
+fn tell_strobes(exposures: &Exposures, seen_by: &str) -> Vec<String> {
+    let mut faults = Vec::new();
+    if exposures.missed_pulses > 0 {
+        faults.push(format!("{} exposures that {seen_by} saw gave no frame", exposures.missed_pulses));
+    }
+    if exposures.unmatched > 0 {
+        faults.push(format!("{} frames match no exposure that {seen_by} saw: they have no time", exposures.unmatched));
     }
     faults
 }

@@ -368,6 +368,7 @@ fn what_the_camera_cannot_is_refused_with_what_it_can() {
         (with(|c| c.triggered = true), "genicam.trigger_line = \"\": name the input"),
         (with(|c| more(c).chunks = vec!["Gain".into()]), "the camera has Timestamp, ExposureTime, FrameID"),
         (with(|c| more(c).strobe_line = "Line7".into()), "it has Line0, Line1"),
+        (with(|c| more(c).strobe_to = vec!["eye".into()]), "without strobe_line"),
         (with(|c| _ = more(c).features.insert("Sharpness".into(), 3.into())), "genicam.features.Sharpness = 3"),
         (with(|c| more(c).offset = [600, 0]), "the camera takes 0 to 576"),
         (with(|c| c.camera = "127.0.0.1".into()), "no GigE Vision camera is \"127.0.0.1\""),

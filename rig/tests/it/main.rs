@@ -5,6 +5,8 @@ mod frame_cameras;
 mod gige;
 mod kept;
 mod libusb;
+#[cfg(target_os = "linux")]
+mod strobe;
 #[cfg(unix)]
 mod trigger_board;
 #[cfg(target_os = "linux")]

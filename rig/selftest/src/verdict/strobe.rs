@@ -2,7 +2,7 @@
 
 use erfgs_recorder::DeviceSettings;
 use erfgs_session::trigger::code::SensedPulse;
-use erfgs_sync::pulses;
+use erfgs_sync::{is_strobe, pulses};
 
 use super::{DeviceFindings, Findings, Subject};
 use crate::{
@@ -11,9 +11,6 @@ use crate::{
 };
 
 const STROBE: CheckName = CheckName::StrobeEdges;
-/// A strobe is as long as the exposure, but for this share, and this, nanoseconds.
-const LONGER: f64 = 0.2;
-const LONGER_NS: i64 = 50_000;
 /// Devices start and stop one after the other: at the ends of a recording frames or edges may be cut off, so many, those of so many
 /// seconds, and half of all at most.
 const CUT_OFF: u64 = 3;
@@ -44,11 +41,7 @@ fn shows(eye: &Observed, camera: &Observed) -> Option<u64> {
     let edges = &eye.events.as_ref()?.edges;
     let exposure_ns = camera.description.exposure_ns()?;
     let strobes = pulses(edges, edges.first()?.channel);
-    let is_one = |pulse: &SensedPulse| {
-        pulse
-            .width_ns
-            .is_none_or(|width| (width - exposure_ns).abs() <= LONGER_NS.max((LONGER * exposure_ns as f64) as i64))
-    };
+    let is_one = |pulse: &SensedPulse| pulse.width_ns.is_none_or(|width_ns| is_strobe(width_ns, exposure_ns));
     let (count, frames) = (strobes.len() as u64, camera.totals.packets + camera.missing_frames);
     let cut_off = CUT_OFF.max((CUT_OFF_S * camera.frames_per_s().unwrap_or(0.0)) as u64).min(frames / 2);
     let whole = strobes.iter().filter(|pulse| is_one(pulse)).count() as u64;

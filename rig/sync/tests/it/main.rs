@@ -6,3 +6,4 @@ mod exposures;
 mod flash;
 mod merge;
 mod reading;
+mod strobe;
