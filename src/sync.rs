@@ -13,7 +13,7 @@ use crate::terminal::{Terminal, table, thousands};
 #[command(after_help = "\
 Ties every stream to the session clock, in one of four tiers:
   S  strobe: both ends of each exposure, as an event camera saw them at its trigger input
-  A  hardware-triggered: edges and frames are matched with the trigger board's pulses
+  A  hardware-triggered: edges and frames are matched with the trigger board's pulses, or with those of a generator
   B  free-running: event cameras by the arrival of their data, frames by the kernel's stamps
   C  as B, with the lag measured by a flashing lamp (--flash)
 A device that restarts during the recording gets one clock, and one row, for each part of its stream. The fits are written \

@@ -21,7 +21,8 @@ pub const VERSION: u32 = 2;
 pub enum Tier {
     /// An event camera sees the camera's strobe: both ends of each exposure. Of an event camera: it sees one.
     Strobe,
-    /// The trigger board drives the stream, or the stream saw its pulses.
+    /// The trigger board drives the stream, or the stream saw its pulses. Without a board: pulses that trigger a camera and that
+    /// an event camera saw.
     HardwareTriggered,
     /// The stream runs freely; a flash that it saw tells its lag.
     Flash,

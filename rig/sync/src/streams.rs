@@ -18,7 +18,7 @@ use super::{
     frames::{self, Arrived},
     lamp::Lamp,
     report::{StreamSync, Tier},
-    strobe::{self, Eye, Strobe},
+    strobe::{self, Eye, Kind, Strobe},
 };
 
 /// A plot of more points than this shows no more.
@@ -59,7 +59,7 @@ pub(super) fn fit_all(streams: &[Stream], gathered: Vec<Gathered>) -> Vec<Stream
             Gathered::Events(events) => {
                 let Description { id, encoding, .. } = &stream.description;
                 let fitted = epochs::fit(events.stretches.finish(), *encoding, board.as_ref());
-                eyes.push(Eye { id, fitted, strobe_of: None });
+                eyes.push(Eye { id, fitted, sees: None });
             }
             Gathered::Frames(frames) => cameras.push((&stream.description, frames)),
             Gathered::Board(_) => {}
@@ -136,20 +136,24 @@ fn fit_board(id: &str, lines: BoardLines) -> (Option<Board>, StreamSync) {
 
 /// The clocks of an event camera, and when it saw a lamp lit, if one is looked for.
 fn fit_events(eye: Eye<'_>, board: Option<&Board>) -> (StreamSync, Vec<[i64; 2]>) {
-    let Eye { id, fitted, strobe_of } = eye;
+    let Eye { id, fitted, sees } = eye;
     let mut sync = empty(id, Tier::FreeRunning);
     sync.matched = fitted.iter().filter_map(|epoch| epoch.matched).reduce(Matched::and);
     // The worst of the epochs: it holds for the whole stream.
     sync.tier = fitted.iter().filter_map(|fitted| fitted.epoch.clock.as_ref()).map(Tier::of).max().unwrap_or(sync.tier);
-    if let Some(camera) = &strobe_of {
+    if let Some((kind, camera)) = &sees {
+        let what = match kind {
+            Kind::Strobe => format!("the strobe of '{camera}'"),
+            Kind::Trigger => format!("the pulses that trigger '{camera}'"),
+        };
         sync.notes.push(match sync.tier {
-            Tier::HardwareTriggered => format!("its clock is tied by the strobe of '{camera}' at its trigger input"),
-            _ => format!("its trigger input has the strobe of '{camera}', whose frames it dates by its own clock"),
+            Tier::HardwareTriggered => format!("its clock is tied by {what} at its trigger input"),
+            _ => format!("its trigger input has {what}: it dates these frames by its own clock"),
         });
-        sync.tier = Tier::Strobe;
+        sync.tier = kind.tier();
         sync.matched = None;
     }
-    tell_epochs(&fitted, board.filter(|_| strobe_of.is_none()), &mut sync.faults);
+    tell_epochs(&fitted, board.filter(|_| sees.is_none()), &mut sync.faults);
     if let Some(Matched { seen, matched, .. }) = sync.matched
         && matched > 0
         && seen - matched.min(seen) > MANY_UNKNOWN.max(seen / 20)
@@ -230,11 +234,17 @@ fn fit_frames(
     let arrived = &frames.arrived[..];
     let exposure_ns = description.exposure_ns();
     match strobe {
-        Some(Strobe::Seen { by, exposures, inverted }) => {
-            sync.tier = Tier::Strobe;
+        Some(Strobe::Seen { kind, by, exposures, inverted }) => {
+            sync.tier = kind.tier();
             sync.faults.extend(tell_strobes(&exposures, &by[0]));
-            sync.notes.push(format!("both ends of each exposure as {} saw its strobe", by.join(" and ")));
-            if inverted {
+            let by = by.join(" and ");
+            sync.notes.push(match kind {
+                Kind::Strobe => format!("both ends of each exposure as {by} saw its strobe"),
+                Kind::Trigger => {
+                    format!("each exposure from the pulse on that {by} saw; the camera's delay after it is not known")
+                }
+            });
+            if inverted && kind == Kind::Strobe {
                 sync.notes.push("its strobe is low while it is exposed: taken as such".into());
             }
             sync.exposures = Some(exposures);
@@ -309,10 +319,10 @@ fn tell_triggers(exposures: &Exposures) -> Vec<String> {
 fn tell_strobes(exposures: &Exposures, seen_by: &str) -> Vec<String> {
     let mut faults = Vec::new();
     if exposures.missed_pulses > 0 {
-        faults.push(format!("{} exposures that {seen_by} saw gave no frame", exposures.missed_pulses));
+        faults.push(format!("{} pulses that {seen_by} saw gave no frame", exposures.missed_pulses));
     }
     if exposures.unmatched > 0 {
-        faults.push(format!("{} frames match no exposure that {seen_by} saw: they have no time", exposures.unmatched));
+        faults.push(format!("{} frames match no pulse that {seen_by} saw: they have no time", exposures.unmatched));
     }
     faults
 }

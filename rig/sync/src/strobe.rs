@@ -1,9 +1,13 @@
-//! Strobes: an output of a frame camera that is high while its sensor is exposed, at the trigger input of an event camera.
+//! Strobes and shared triggers: pulses at the trigger input of an event camera that belong to the frames of a camera, without
+//! a board that tells their numbers.
 //!
-//! The event camera dates both ends of each exposure by its own clock, to a microsecond and with whatever the camera does
-//! between trigger and exposure. Which edges belong to which frame is told as for the pulses of the board
-//! ([`match_shots`](super::frames::match_shots)). Where several event cameras see one strobe, or the camera that gives it is
-//! triggered by the board, the edges tie their clocks to one another and to the board, which arrivals do to a millisecond only.
+//! A *strobe* is an output of a frame camera that is high while its sensor is exposed: the event camera dates both ends of each
+//! exposure by its own clock, to a microsecond and with whatever the camera does between trigger and exposure. A *shared trigger*
+//! goes to the camera and to the event camera alike, from a generator: each exposure begins with its pulse. Which pulse belongs to
+//! which frame is told as for those of the board ([`match_shots`](super::frames::match_shots)).
+//!
+//! Where several event cameras see the same pulses, or a camera with a strobe is triggered by the board, the pulses tie their clocks
+//! to one another and to the board, which arrivals do to a millisecond only.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -20,6 +24,7 @@ use super::{
     epochs::Fitted,
     exposures::{Exposures, median},
     frames::{self, Shot},
+    report::Tier,
 };
 
 /// A strobe is as long as the exposure that the camera was set to, but for this share, and this, nanoseconds.
@@ -39,34 +44,55 @@ pub fn is_strobe(width_ns: i64, exposure_ns: i64) -> bool {
     width_ns.abs_diff(exposure_ns) <= LONGER_NS.max((LONGER * exposure_ns as f64) as i64).unsigned_abs()
 }
 
-/// An event camera whose trigger input may have a strobe.
+/// An event camera at whose trigger input there may be such pulses.
 pub(super) struct Eye<'a> {
     pub id: &'a str,
     pub fitted: Vec<Fitted>,
-    /// The camera whose strobe its input has, and what else ties its clock.
-    pub strobe_of: Option<String>,
+    /// What its pulses are, and of which camera.
+    pub sees: Option<(Kind, String)>,
 }
 
-/// What was found of a camera's strobe.
+/// What the pulses of a camera's frames are.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Each shows an exposure.
+    Strobe,
+    /// Each begins one.
+    Trigger,
+}
+
+impl Kind {
+    /// How well it dates.
+    pub fn tier(self) -> Tier {
+        match self {
+            Self::Strobe => Tier::Strobe,
+            Self::Trigger => Tier::HardwareTriggered,
+        }
+    }
+}
+
+/// What was found of a camera's pulses.
 pub(super) enum Strobe {
-    /// Event cameras saw it, the first of which dates the frames.
-    Seen { by: Vec<String>, exposures: Exposures, inverted: bool },
-    /// Why its frames are not dated by it.
+    /// Event cameras saw them, the first of which dates the frames.
+    Seen { kind: Kind, by: Vec<String>, exposures: Exposures, inverted: bool },
+    /// Why its frames are not dated by its strobe.
     Unseen(String),
 }
 
-/// A camera with a strobe.
+/// A camera with a strobe, or triggered otherwise than by the board of the session.
 struct Camera<'a> {
     description: &'a Description,
     frames: &'a Frames,
-    /// The event cameras that its strobe is said to go to.
-    named: Vec<&'a str>,
-    /// Whether the board triggers it.
+    /// The event cameras that its strobe is said to go to; none if it has none.
+    strobe: Option<Vec<&'a str>>,
+    /// Whether it is triggered, and by the board.
     triggered: bool,
+    by_board: bool,
 }
 
-/// A strobe before an eye.
+/// Pulses of a camera before an eye.
 struct Fit {
+    kind: Kind,
     eye: usize,
     exposures: Exposures,
     /// For each frame its edge: which part of the eye's stream, and when by the eye's clock.
@@ -74,7 +100,7 @@ struct Fit {
     inverted: bool,
 }
 
-/// The strobes of all cameras that have one, by the cameras' names. Clocks of event cameras that they tie are fitted anew.
+/// The pulses of all cameras that have any, by the cameras' names. Clocks of event cameras that they tie are fitted anew.
 pub(super) fn find(
     cameras: &[(&Description, Frames)],
     eyes: &mut [Eye<'_>],
@@ -83,55 +109,76 @@ pub(super) fn find(
     if eyes.is_empty() {
         return BTreeMap::new();
     }
-    let with_strobe = cameras.iter().filter_map(|(description, frames)| {
-        let named = description.strobe()?;
-        let triggered = board.is_some() && description.is_triggered();
-        Some(Camera { description, frames, named, triggered })
-    });
-    let cameras: Vec<Camera<'_>> = with_strobe.collect();
+    let cameras = cameras.iter().filter_map(|(description, frames)| Camera::new(description, frames, board));
+    let cameras: Vec<Camera<'_>> = cameras.collect();
     let fits: Vec<Vec<Fit>> = cameras.iter().map(|camera| fits(camera, eyes)).collect();
     let mut found = BTreeMap::new();
     for (at, camera) in cameras.iter().enumerate() {
-        let own: Vec<&Fit> = fits[at].iter().filter(|fit| is_own(fit, at, &fits, &cameras)).collect();
+        let mut own: Vec<&Fit> = fits[at].iter().filter(|fit| is_own(fit, at, &fits, &cameras)).collect();
+        // An eye that another camera has tied before has the clock that the rest is tied to.
+        own.sort_by_key(|fit| eyes[fit.eye].sees.is_none());
         let strobe = match own.split_first() {
-            None => Strobe::Unseen(unseen(at, &cameras, &fits, eyes)),
             Some((first, others)) => dated(camera, first, others, eyes, board),
+            None if camera.strobe.is_some() => Strobe::Unseen(unseen(at, &cameras, &fits, eyes)),
+            None => continue,
         };
         found.insert(camera.description.id.clone(), strobe);
     }
     found
 }
 
-/// All eyes that may see the strobe of a camera, the one that saw most of it first.
+/// All eyes that may see the pulses of a camera, the one that saw most of them first.
 fn fits(camera: &Camera<'_>, eyes: &[Eye<'_>]) -> Vec<Fit> {
-    let may = |eye: &Eye<'_>| (camera.named.is_empty() || camera.named.contains(&eye.id)) && !eye.sees_the_board();
-    let mut fits: Vec<Fit> = (0..eyes.len())
-        .filter(|&eye| may(&eyes[eye]))
-        .filter_map(|eye| {
-            let upright = fit(camera, eye, &eyes[eye], false);
-            upright.or_else(|| fit(camera, eye, &eyes[eye], true))
-        })
-        .collect();
+    let strobes = camera.strobe.iter().flat_map(|named| {
+        let may = |&eye: &usize| named.is_empty() || named.contains(&eyes[eye].id);
+        let inverted = |eye| fit(camera, eye, &eyes[eye], Kind::Strobe, true);
+        (0..eyes.len())
+            .filter(may)
+            .filter_map(move |eye| fit(camera, eye, &eyes[eye], Kind::Strobe, false).or_else(|| inverted(eye)))
+    });
+    let mut fits: Vec<Fit> = strobes.collect();
+    if fits.is_empty() && camera.triggered && !camera.by_board {
+        let falling = camera.description.settings.get("genicam").and_then(|genicam| genicam.get("TriggerActivation"));
+        let falling = falling.is_some_and(|activation| activation == "FallingEdge");
+        fits.extend((0..eyes.len()).filter_map(|eye| fit(camera, eye, &eyes[eye], Kind::Trigger, falling)));
+    }
     fits.sort_by_key(|fit| std::cmp::Reverse(fit.exposures.sequence.len()));
     fits
 }
 
-/// The strobe of a camera before an eye, if its edges can be that.
-fn fit(camera: &Camera<'_>, at: usize, eye: &Eye<'_>, inverted: bool) -> Option<Fit> {
-    let set_ns = camera.description.exposure_ns();
-    let seen = seen(eye, inverted);
-    let usual_ns = median(seen.iter().filter_map(|pulse| pulse.width_ns).collect())?;
-    if set_ns.is_some_and(|set_ns| !is_strobe(usual_ns, set_ns)) || (set_ns.is_none() && inverted) {
+/// The pulses of a camera before an eye, if what it sees can be these.
+fn fit(camera: &Camera<'_>, at: usize, eye: &Eye<'_>, kind: Kind, inverted: bool) -> Option<Fit> {
+    if eye.sees_the_board() {
         return None;
     }
-    let shots: Vec<Shot> = seen
-        .iter()
-        .enumerate()
-        .map(|(number, pulse)| Shot {
-            pulse: number as u64,
-            exposure: Exposure::beginning(pulse.rise_ns, pulse.width_ns.unwrap_or(usual_ns)),
-        })
-        .collect();
+    let set_ns = camera.description.exposure_ns();
+    let mut seen = seen(eye, inverted);
+    if kind == Kind::Strobe || set_ns.is_none() {
+        // Of a pulse that is high at the end nobody knows how long.
+        seen.pop_if(|last| last.width_ns.is_none());
+    }
+    let widths: Vec<i64> = seen.iter().filter_map(|pulse| pulse.width_ns).collect();
+    let usual_ns = median(widths.clone())?;
+    let may = match (kind, set_ns) {
+        (Kind::Strobe, Some(set_ns)) => is_strobe(usual_ns, set_ns),
+        // Nothing tells which way round it is.
+        (Kind::Strobe, None) => !inverted,
+        (Kind::Trigger, Some(_)) => true,
+        // Pulses of different lengths are not the exposures of the camera: a board's at another host have numbers written on them.
+        (Kind::Trigger, None) => widths.iter().all(|&width_ns| is_strobe(width_ns, usual_ns)),
+    };
+    if !may {
+        return None;
+    }
+    let length_ns = |pulse: &Pulse| match kind {
+        Kind::Trigger => set_ns.unwrap_or(usual_ns),
+        Kind::Strobe => pulse.width_ns.unwrap_or(usual_ns),
+    };
+    let shot = |(number, pulse): (usize, &Pulse)| Shot {
+        pulse: number as u64,
+        exposure: Exposure::beginning(pulse.rise_ns, length_ns(pulse)),
+    };
+    let shots: Vec<Shot> = seen.iter().enumerate().map(shot).collect();
     let period_ns = median(seen.windows(2).map(|pair| pair[1].rise_ns.saturating_sub(pair[0].rise_ns)).collect())?;
     let early_ns = LATE_NS.min(period_ns / 4);
     let mut exposures = frames::match_shots(&camera.frames.arrived, &shots, period_ns, early_ns);
@@ -145,7 +192,7 @@ fn fit(camera: &Camera<'_>, at: usize, eye: &Eye<'_>, inverted: bool) -> Option<
         let pulse = seen.get(usize::try_from(number).ok()?)?;
         Some((sequence, (pulse.part, pulse.tick)))
     });
-    Some(Fit { eye: at, rises: rises.collect(), exposures, inverted })
+    Some(Fit { kind, eye: at, rises: rises.collect(), exposures, inverted })
 }
 
 /// A pulse at the input of an eye.
@@ -169,9 +216,20 @@ fn seen(eye: &Eye<'_>, inverted: bool) -> Vec<Pulse> {
             width_ns: pulse.width_ns,
         }));
     }
-    // Of a pulse that was high at the end nobody knows how long.
-    seen.pop_if(|last| last.width_ns.is_none());
     seen
+}
+
+impl<'a> Camera<'a> {
+    fn new(description: &'a Description, frames: &'a Frames, board: Option<&Board>) -> Option<Self> {
+        let (strobe, triggered) = (description.strobe(), description.is_triggered());
+        let by_board = triggered && board.is_some();
+        let may = strobe.is_some() || (triggered && !by_board);
+        may.then_some(Self { description, frames, strobe, triggered, by_board })
+    }
+
+    fn is_named(&self) -> bool {
+        self.strobe.as_ref().is_some_and(|named| !named.is_empty())
+    }
 }
 
 impl Eye<'_> {
@@ -180,24 +238,28 @@ impl Eye<'_> {
     }
 }
 
-/// Whether an eye sees this camera rather than another. Cameras that the board triggers expose together, and what is nearest
-/// will do; of others that fit alike nothing tells, unless the rig does.
+/// Whether an eye sees the pulses of this camera rather than those of another. A trigger is shared; a strobe is of one camera.
+/// Cameras that the board triggers expose together, and what is nearest will do; of others that fit alike nothing tells, unless the
+/// rig does.
 fn is_own(fit: &Fit, at: usize, fits: &[Vec<Fit>], cameras: &[Camera<'_>]) -> bool {
     let camera = &cameras[at];
-    let rivals =
-        (0..cameras.len()).filter(|&other| other != at && camera.named.is_empty() >= cameras[other].named.is_empty());
-    let mut rivals =
-        rivals.flat_map(|other| fits[other].iter().filter(|of| of.eye == fit.eye).map(move |of| (other, of)));
+    let others = (0..cameras.len()).filter(|&other| other != at && cameras[other].is_named() >= camera.is_named());
+    let mut rivals = others.flat_map(|other| fits[other].iter().map(move |of| (other, of)));
     rivals.all(|(other, of)| {
         let nearer = (fit.exposures.residuals.p95_ns, at) < (of.exposures.residuals.p95_ns, other);
-        nearer && camera.triggered && cameras[other].triggered
+        match (of.eye == fit.eye, fit.kind, of.kind) {
+            (false, ..) | (true, _, Kind::Trigger) => true,
+            (true, Kind::Trigger, Kind::Strobe) => false,
+            (true, Kind::Strobe, Kind::Strobe) => nearer && camera.by_board && cameras[other].by_board,
+        }
     })
 }
 
 /// Why a strobe dates nothing.
 fn unseen(at: usize, cameras: &[Camera<'_>], fits: &[Vec<Fit>], eyes: &[Eye<'_>]) -> String {
     let id = |at: usize| cameras[at].description.id.as_str();
-    if let Some(stray) = cameras[at].named.iter().find(|name| eyes.iter().all(|eye| eye.id != **name)) {
+    let mut named = cameras[at].strobe.iter().flatten();
+    if let Some(stray) = named.find(|name| eyes.iter().all(|eye| eye.id != **name)) {
         return format!("its strobe is said to go to '{stray}', which is no event camera of the session");
     }
     let shared =
@@ -216,9 +278,9 @@ fn unseen(at: usize, cameras: &[Camera<'_>], fits: &[Vec<Fit>], eyes: &[Eye<'_>]
 /// The frames of a camera by what its eyes saw, the first of which dates them.
 fn dated(camera: &Camera<'_>, first: &Fit, others: &[&Fit], eyes: &mut [Eye<'_>], board: Option<&Board>) -> Strobe {
     let description = camera.description;
-    let by_board = board.filter(|_| camera.triggered).map(|board| begins_by(board, camera));
+    let by_board = board.filter(|_| camera.by_board).map(|board| begins_by(board, camera));
     let by_board = by_board.filter(|begins| begins.len() >= FEWEST);
-    if let Some(begins) = &by_board {
+    if let Some(begins) = by_board.as_ref().filter(|_| eyes[first.eye].sees.is_none()) {
         tie(first, begins, &mut eyes[first.eye]);
     }
     let begins = by_board.unwrap_or_else(|| {
@@ -226,7 +288,7 @@ fn dated(camera: &Camera<'_>, first: &Fit, others: &[&Fit], eyes: &mut [Eye<'_>]
         let begin = |(&sequence, &(part, tick)): (&u64, &(usize, i64))| Some((sequence, clock(part)?.session_ns(tick)));
         first.rises.iter().filter_map(begin).collect()
     });
-    for fit in others {
+    for fit in others.iter().filter(|fit| eyes[fit.eye].sees.is_none()).collect::<Vec<_>>() {
         tie(fit, &begins, &mut eyes[fit.eye]);
     }
     let mut exposures = first.exposures.clone();
@@ -239,9 +301,11 @@ fn dated(camera: &Camera<'_>, first: &Fit, others: &[&Fit], eyes: &mut [Eye<'_>]
         }
     }
     let own = || std::iter::once(first).chain(others.iter().copied());
-    own().for_each(|fit| eyes[fit.eye].strobe_of = Some(description.id.clone()));
+    for fit in own() {
+        eyes[fit.eye].sees.get_or_insert_with(|| (fit.kind, description.id.clone()));
+    }
     let by = own().map(|fit| eyes[fit.eye].id.to_owned()).collect();
-    Strobe::Seen { by, exposures, inverted: first.inverted }
+    Strobe::Seen { kind: first.kind, by, exposures, inverted: first.inverted }
 }
 
 /// When each frame's exposure began by the pulse of the board that triggered it.

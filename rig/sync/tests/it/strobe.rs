@@ -1,4 +1,4 @@
-//! Strobes of frame cameras at the trigger inputs of event cameras, against the truth.
+//! Strobes of frame cameras, and pulses that trigger them, at the trigger inputs of event cameras, against the truth.
 
 use erfgs_base::random;
 use erfgs_events::{CdEvent, Edge, EventEncoding, Evt3Encoder};
@@ -182,7 +182,7 @@ fn late(sync: &StreamSync, camera: &Camera) -> [i64; 2] {
 /// Frames dated on the clock of an eye: late as that is by arrivals, and all alike.
 fn check(sync: &Synchronisation, camera: &Camera) {
     let of = sync.stream(camera.id).unwrap();
-    assert_eq!((of.tier, &of.faults[..]), (Tier::Strobe, &["3 exposures that eye saw gave no frame".to_owned()][..]));
+    assert_eq!((of.tier, &of.faults[..]), (Tier::Strobe, &["3 pulses that eye saw gave no frame".to_owned()][..]));
     let [least, most] = late(of, camera);
     assert!(least > 0 && most < 2 * MS && most - least < 3000, "{least} to {most}");
 }
@@ -295,4 +295,59 @@ fn edges_that_are_no_strobe_of_the_camera_date_nothing() {
     let sync = found(&[&slow], &[eye("eye", Some(&slow))], None);
     let of = sync.stream("rgb").unwrap();
     assert_eq!((of.tier, &of.faults[..]), (Tier::FreeRunning, &[][..]));
+}
+
+/// Pulses of a generator that go to two cameras and two event cameras: an eye sees them as a camera that is exposed so long.
+fn generated(high_ns: fn(i64) -> i64) -> Camera {
+    Camera { id: "generator", exposure_ns: high_ns, settings: json!({}), lost: Vec::new(), begins_ns: 700 * MS }
+}
+
+#[test]
+fn pulses_of_a_generator_begin_the_exposures_of_all_cameras_that_they_trigger() {
+    let pulses = generated(|_| MS);
+    let of = |id, exposure_ns: fn(i64) -> i64, lost: &[i64]| {
+        let settings = json!({ "triggered": true, "exposure_us": exposure_ns(0) / 1000 });
+        Camera { exposure_ns, settings, lost: lost.to_vec(), ..camera(id) }
+    };
+    let cameras = [of("short", |_| 2 * MS, &[1, 9, 55]), of("long", |_| 9 * MS, &[3, 4, 200])];
+    let other = Eye { zero_ns: 411_000_789 - 900 * MS, ppm: 20.0, ..eye("other", Some(&pulses)) };
+    let eyes = [eye("eye", Some(&pulses)), other];
+    let sync = found(&cameras.each_ref(), &eyes, None);
+    let mut lates = Vec::new();
+    for camera in &cameras {
+        let of = sync.stream(camera.id).unwrap();
+        assert_eq!((of.tier, of.faults.len()), (Tier::HardwareTriggered, 1), "{:?}", of.faults);
+        lates.extend(late(of, camera));
+    }
+    let [least, most] = [*lates.iter().min().unwrap(), *lates.iter().max().unwrap()];
+    assert!(least > 0 && most < 2 * MS && most - least < 4000, "{lates:?}");
+    let at_ns = 3_333 * MS;
+    let [a, b] = eyes.each_ref().map(|eye| {
+        let found = sync.stream(eye.id).unwrap();
+        assert_eq!(found.tier, Tier::HardwareTriggered);
+        found.epochs.clocks().next().unwrap().session_ns(eye.t_us(at_ns).cast_signed())
+    });
+    assert!((a - b).abs() < 3000, "{}", a - b);
+}
+
+#[test]
+fn a_camera_that_begins_with_falling_edges_or_exposes_while_its_trigger_is_high() {
+    // High for 5 ms; it begins with the fall and exposes for 4 ms.
+    let pulses = generated(|_| 5 * MS);
+    let settings = json!({ "triggered": true, "exposure_us": 4000, "genicam": { "TriggerActivation": "FallingEdge" } });
+    let falling = Camera { begins_ns: 705 * MS, settings, ..camera("rgb") };
+    // As long as its pulse.
+    let level = Camera { exposure_ns: |_| 5 * MS, settings: json!({ "triggered": true }), ..camera("rgb") };
+    for camera in [falling, level] {
+        let sync = found(&[&camera], &[eye("eye", Some(&pulses))], None);
+        let of = sync.stream("rgb").unwrap();
+        assert_eq!(of.tier, Tier::HardwareTriggered, "{:?}", of.notes);
+        let [least, most] = late(of, &camera);
+        assert!(least > 0 && most < 2 * MS && most - least < 3000, "{least} to {most}");
+    }
+    // Pulses of different lengths are not how long it exposes.
+    let coded = generated(|pulse| MS * (1 + pulse % 3));
+    let camera = Camera { settings: json!({ "triggered": true }), ..camera("rgb") };
+    let sync = found(&[&camera], &[eye("eye", Some(&coded))], None);
+    assert_eq!(sync.stream("rgb").unwrap().tier, Tier::FreeRunning);
 }
