@@ -27,6 +27,13 @@ impl EventFileOptions {
     }
 }
 
+impl EventFileOptions {
+    /// The first of the options that is there.
+    pub fn given(&self) -> Option<&'static str> {
+        self.size.map(|_| "--size").or(self.text.columns.map(|_| "--columns"))
+    }
+}
+
 impl TextOptions {
     pub fn hints(&self) -> EventFileHints {
         EventFileHints { columns: self.columns, size: None }

@@ -237,6 +237,11 @@ fn complain(recording: &Recording, lost: &[String]) -> anyhow::Result<()> {
 pub fn complain_of(done: &str, path: &Path, summary: &Summary, lost: &[String]) -> anyhow::Result<()> {
     let mut faults = summary.faults();
     faults.extend(lost.iter().filter(|lost| !summary.damage.contains(lost)).cloned());
+    complain_of_damage(done, path, &faults)
+}
+
+/// An error if there are faults in a recording with which all else was done.
+pub fn complain_of_damage(done: &str, path: &Path, faults: &[String]) -> anyhow::Result<()> {
     let Some(first) = faults.first() else { return Ok(()) };
     let others = if faults.len() > 1 { format!(" (and {} faults more)", faults.len() - 1) } else { String::new() };
     anyhow::bail!("the intact part was {done}; {} has faults: {first}{others}", path.display())

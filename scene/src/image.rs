@@ -1,6 +1,7 @@
 //! Images in memory and in PNG and JPEG files.
 
 mod decoding;
+mod listing;
 mod reading;
 
 use std::{
@@ -8,7 +9,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_base::{FileError, atomic};
+use erfgs_base::{FileError, atomic, order::Doubt};
 use image::{
     ExtendedColorType, ImageBuffer, ImageEncoder, Luma, Rgb,
     codecs::{
@@ -21,6 +22,7 @@ use image::{
 use self::decoding::decode;
 pub use self::{
     decoding::size,
+    listing::{is_picture, pictures},
     reading::{FEW_BITS, Reading},
 };
 use crate::srgb;
@@ -82,6 +84,14 @@ pub enum ImageError {
         sample: u16,
         /// The bits that count.
         bits: u8,
+    },
+    /// Nobody knows which of two pictures of a folder comes first.
+    #[error("{}: {doubt}", folder.display())]
+    Order {
+        /// The folder.
+        folder: PathBuf,
+        /// Which two, and why.
+        doubt: Box<Doubt>,
     },
     /// The image cannot be encoded.
     #[error("cannot encode image {}: {source}", path.display())]

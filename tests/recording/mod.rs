@@ -23,6 +23,7 @@ mod merge;
 mod names;
 #[cfg(target_os = "linux")]
 mod no_room;
+mod plan;
 mod raw;
 mod rig;
 #[cfg(target_os = "linux")]

@@ -24,6 +24,7 @@ use crate::Split;
 use erfgs_base::{names, plausible::POINT, progress::Progress};
 use erfgs_scene::{
     colmap::{ColmapImage, Model, Point3d},
+    image::is_picture,
     ply::PointCloud,
 };
 
@@ -118,7 +119,7 @@ fn left_out(model: &Model, images: &Path, views: &[SourceView]) -> Result<Vec<St
     for (name, path) in common::entries(images)? {
         let own = if path.is_dir() { name.clone() } else { common::stem(&path) };
         let known = views.iter().any(|view| view.name == names::file_name(&own));
-        let has_images = if path.is_dir() { !common::images(&path)?.is_empty() } else { common::is_image(&name) };
+        let has_images = if path.is_dir() { !common::images(&path)?.is_empty() } else { is_picture(&name) };
         if has_images && !known {
             notes.push(format!("{name}: left out, the model has no image of it"));
         }

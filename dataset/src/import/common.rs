@@ -12,7 +12,12 @@ use erfgs_base::{
     order::{natural, order},
     plausible::RATE,
 };
-use erfgs_scene::{Intrinsics, Pose, exchange::llff, video::FrameTimes};
+use erfgs_scene::{
+    Intrinsics, Pose,
+    exchange::llff,
+    image::{ImageError, is_picture, pictures},
+    video::FrameTimes,
+};
 
 /// One viewpoint of a recording.
 pub(super) struct SourceView {
@@ -106,17 +111,11 @@ pub(super) fn entries(folder: &Path) -> Result<BTreeMap<String, PathBuf>, Import
     Ok(found)
 }
 
-/// Whether a file of this name is an image, and not one that is hidden.
-pub(super) fn is_image(name: &str) -> bool {
-    let extension = name.rsplit_once('.').map(|(_, extension)| extension.to_ascii_lowercase());
-    !name.starts_with('.') && matches!(extension.as_deref(), Some("png" | "jpg" | "jpeg"))
-}
-
 /// The images in a folder, in no order that means anything.
 pub(super) fn images(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     let mut found: Vec<PathBuf> = entries(folder)?
         .into_iter()
-        .filter(|(name, path)| is_image(name) && path.is_file())
+        .filter(|(name, path)| is_picture(name) && path.is_file())
         .map(|(_, path)| path)
         .collect();
     found.sort_by(|a, b| natural(&stem(a), &stem(b)));
@@ -128,7 +127,11 @@ pub(super) fn images(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
 /// # Errors
 /// The folder cannot be read, or nobody knows which of two comes first.
 pub fn frames(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    in_order(images(folder)?, folder)
+    pictures(folder).map_err(|error| match error {
+        ImageError::File(source) => source.into(),
+        ImageError::Order { folder: path, doubt } => ImportError::Malformed { path, what: doubt.to_string() },
+        other => ImportError::Malformed { path: folder.to_owned(), what: other.to_string() },
+    })
 }
 
 /// Files or folders in the order of their names; `of` is what lists them.

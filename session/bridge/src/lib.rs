@@ -1,12 +1,14 @@
-//! Sessions for the tools that people have: a recording as messages of [Foxglove](https://foxglove.dev), which Rerun reads, too, and as
+//! Sessions for the tools that people have, and sessions of files that they have: a recording as messages of [Foxglove](https://foxglove.dev), which Rerun reads, too, and as
 //! a bag of ROS 2.
 //!
 //! What is written has the session's one clock ([`erfgs_sync`]) as time since 1970, and where a rig file is given, the cameras' lenses
 //! and poses. `docs/guide/other-tools.md` says which topics there are and what they hold. Recordings are read and written piece by piece.
+//! The other way, [`import`] makes one session of the files of several cameras.
 
 mod cdr;
 mod error;
 pub mod foxglove;
+pub mod import;
 mod log;
 mod protobuf;
 mod rig;

@@ -135,6 +135,12 @@ impl EventFileRecording {
         BegunDecoder { decoder, first_sequence: 0, host_ns: None }
     }
 
+    /// The device's time of the first item, microseconds: host time 0.
+    #[must_use]
+    pub fn first_us(&self) -> u64 {
+        self.first_us
+    }
+
     /// The clock that the file's times are told on, at its beginning.
     #[must_use]
     pub fn clock(&self) -> HostClock {
