@@ -111,8 +111,8 @@ pub fn draft(folder: &Path, terminal: &Terminal) -> anyhow::Result<()> {
     terminal.result(&drafted, || {
         let plan = drafted.plan.display();
         format!(
-            "{plan}: {events} event files and {frames} streams of frames, {} files left out\ncomplete it where it says when, then: erfgs \
-             import {plan} --out take.mcap",
+            "{plan}: event files {events}, streams of frames {frames}, left out {}\ncomplete it where it says when, then: erfgs import \
+             {plan} --out take.mcap",
             drafted.left_out.len()
         )
     })

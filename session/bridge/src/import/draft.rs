@@ -155,15 +155,19 @@ fn written(events: &[EventFile], frames: &[FrameFiles], left_out: &[String]) -> 
             continue;
         };
         let alike = events[..at].iter().find(|other| other.pulses == *pulses && *pulses >= FEWEST);
-        let mark = |chosen: bool| if chosen { "" } else { "# " };
+        if let Some(other) = alike.or(events[..at].iter().find(|other| other.pulses > 0 && *pulses > 0)) {
+            let mark = if alike.is_some() { "" } else { "# " };
+            let _ = writeln!(
+                text,
+                "{mark}pulses_of = {}    # both saw the same pulses, from the first on",
+                quoted(&other.id)
+            );
+        }
         let _ = write!(
             text,
             "# clock_of = {}    # both clocks began together: synchronised event cameras\n\
-             {}pulses_of = {}    # both saw the same pulses, from the first on\n\
              # starts_s = 0.0    # when its first event was\n",
             quoted(&first.id),
-            mark(alike.is_some()),
-            quoted(&alike.unwrap_or(first).id),
         );
     }
     for FrameFiles { id, name, is_video, about, count, rate } in frames {

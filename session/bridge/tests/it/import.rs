@@ -211,10 +211,8 @@ fn the_draft_of_a_folder_pairs_what_is_as_many_and_is_a_plan() {
     // What is left open is asked for, stream by stream.
     let error = imported(folder, &draft.text).unwrap_err().to_string();
     assert!(error.contains("[[events]] top") && error.contains("give one of starts_s, clock_of, pulses_of"), "{error}");
-    let text = draft.text.replace(
-        "# clock_of = \"left\"    # both clocks began together: synchronised event cameras\n# pulses_of",
-        "clock_of = \"left\"\n# pulses_of",
-    );
+    let (above, top) = draft.text.split_once("id = \"top\"").unwrap();
+    let text = format!("{above}id = \"top\"{}", top.replacen("# clock_of", "clock_of", 1));
     let error = imported(folder, &text).unwrap_err().to_string();
     assert!(error.contains("[[frames]] png") && error.contains("give one of fps, times, pulses_of"), "{error}");
     let (above, png) = text.split_once("id = \"png\"").unwrap();
