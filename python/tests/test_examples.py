@@ -54,8 +54,15 @@ def test_simulate():
     assert columns == sorted(columns) and columns[-1] - columns[0] > 90, "the disc crosses 115 columns between the middles"
 
 
+def test_train(recordings):
+    said = run("train.py", recordings / "davis346.aedat4", "davis346", 600)
+    shares = [float(line.split()[-2]) for line in said[1:]]
+    assert said[0].startswith("58 pairs of frames") and 0.4 < shares[0] < shares[1] - 0.1, said
+
+
 def test_all_examples_are_here():
-    assert {path.name for path in EXAMPLES.iterdir()} == {"slices.py", "voxels.py", "dataset.py", "scene.py", "simulate.py"}
+    names = {"slices.py", "voxels.py", "dataset.py", "scene.py", "simulate.py", "train.py"}
+    assert {path.name for path in EXAMPLES.iterdir()} == names
 
 
 def test_the_reference_is_that_of_this_module(monkeypatch):
