@@ -1,5 +1,6 @@
 //! `erfgs export`: runs, datasets, sessions and event files in the formats of other programs.
 
+mod biases;
 mod bridge;
 mod dataset;
 mod event_video;
@@ -67,6 +68,8 @@ and the frames of its cameras, and of event sensors that have frames, as
 or all of it on its one clock (fitted now, where `erfgs sync` has not) for the tools of others, with lenses and poses where --rig is given:
   foxglove  an MCAP file for Foxglove and Rerun: pictures of the frames, and of the events at --fps and --accumulate
   rosbag2   a folder with a bag of ROS 2: the events as EVT 3, the frames as the cameras gave them
+or of each EVK4 what it was recorded with, as
+  bias  a bias file of Metavision, which `bias_file` in RIG.toml reads, too
 All streams that fit the format are written, or the one named with --stream. --from and --until select data by their time of \
 arrival. Packets are kept whole, so that some milliseconds before the range may be included. Existing files \
 are overwritten only with --force.
@@ -88,6 +91,7 @@ Examples:
   erfgs export S.mcap --to foxglove --rig rig.json --out take.foxglove.mcap
   erfgs export S.mcap --to rosbag2 --rig rig.json --out take-bag
   erfgs export S.mcap --to mp4 --stream ev0 --from 12.9 --until 13.1 --speed 0.02 --out slow.mp4
+  erfgs export S.mcap --to bias --stream ev0 --out quiet.bias
   erfgs export davis346.aedat4 --to png --out frames
   erfgs export recording.raw --to csv --out events.csv")]
 pub struct Arguments {
@@ -282,6 +286,7 @@ fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Term
     let exports = match format.kind() {
         Kind::Events(format) => return events::export(&mut recording, format, &tasks, terminal),
         Kind::Frames(format) => frames::export(&mut recording, (format, arguments.bits), &tasks, &mut lost, terminal)?,
+        Kind::Biases => return biases::export(&recording, &tasks, terminal),
         Kind::Video | Kind::Session | Kind::Bridge(_) => {
             let encoding = |task: &Task| recording.summary().streams[task.stream].description.encoding;
             let (of_events, of_frames): (Vec<_>, Vec<_>) =
@@ -351,6 +356,7 @@ fn tasks(recording: &Recording, format: Format, arguments: &Arguments) -> anyhow
         Kind::Events(format) => format.fits(encoding),
         Kind::Frames(_) => encoding.is_frames() || encoding.has_sensor_frames(),
         Kind::Video => encoding.is_frames() || encoding.is_events(),
+        Kind::Biases => encoding.is_events(),
         Kind::Session | Kind::Bridge(_) => true,
     };
     let extension = format.extension();

@@ -23,6 +23,7 @@ pub(super) enum Format {
     Session,
     Foxglove,
     Rosbag2,
+    Bias,
 }
 
 /// What `--to` names.
@@ -39,7 +40,8 @@ pub(super) enum To {
 }
 
 /// What streams are written as.
-pub(super) const STREAM_FORMATS: &str = "raw, dat, aedat4, csv, npz, h5, png, exr, mp4, session, foxglove or rosbag2";
+pub(super) const STREAM_FORMATS: &str =
+    "raw, dat, aedat4, csv, npz, h5, png, exr, mp4, session, foxglove, rosbag2 or bias";
 
 /// The format that a word names.
 pub(super) fn to(text: &str) -> Result<To, String> {
@@ -70,6 +72,8 @@ pub(super) enum Kind {
     Session,
     /// All of it, for the tools of others.
     Bridge(bridge::Tool),
+    /// The biases of event cameras.
+    Biases,
 }
 
 /// What events are written as in files with this extension; none where it is of no format of events.
@@ -94,6 +98,7 @@ impl Format {
             Self::Mp4 => "mp4",
             Self::Session | Self::Foxglove => "mcap",
             Self::Rosbag2 => "rosbag2",
+            Self::Bias => "bias",
         }
     }
 
@@ -112,6 +117,7 @@ impl Format {
             Self::Session => Kind::Session,
             Self::Foxglove => Kind::Bridge(bridge::Tool::Foxglove),
             Self::Rosbag2 => Kind::Bridge(bridge::Tool::Rosbag2),
+            Self::Bias => Kind::Biases,
         }
     }
 

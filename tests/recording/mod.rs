@@ -1,6 +1,7 @@
 //! Sessions through the program: recorded, written, cut off, repaired, described, exported, replayed, synchronised; event files of other
 //! programs, and what is said of wrong input.
 
+mod biases;
 #[cfg(target_os = "linux")]
 #[path = "../../rig/tests/it/usb_cameras/support/bus.rs"]
 mod bus;

@@ -11,7 +11,7 @@ use toml::Table;
 
 use super::{pattern::PatternConfig, recorder::is_id};
 use erfgs_rig::{
-    event::{Davis346Config, Driver, Evk4Config, davis346::Davis346, evk4::Evk4},
+    event::{BiasOffsets, Davis346Config, Driver, Evk4Config, davis346::Davis346, evk4::Evk4},
     frame::FrameConfig,
     trigger::TriggerConfig,
 };
@@ -243,7 +243,14 @@ impl RigConfig {
             }
             Ok(())
         };
-        add("evk4", file.evk4, |_, table| {
+        let mut evk4 = file.evk4;
+        for (index, table) in evk4.iter_mut().enumerate() {
+            bias_file(table, path).map_err(|message| {
+                let id = table.get("id").and_then(toml::Value::as_str).unwrap_or_default().to_owned();
+                ConfigError::Device { path: path.to_owned(), kind: "evk4", number: index + 1, id, message }
+            })?;
+        }
+        add("evk4", evk4, |_, table| {
             let config: Evk4Config = driver(table)?;
             Evk4::validate(&config).map_err(|error| error.to_string())?;
             Ok(DeviceSettings::Evk4(config.into()))
@@ -270,6 +277,26 @@ impl RigConfig {
         })?;
         Ok(Self { name: file.rig.name, record: file.record, devices, text: text.to_owned() })
     }
+}
+
+/// Puts the offsets of the bias file that a table names into its place, beneath those that the table has itself. The file lies beside
+/// the rig's.
+fn bias_file(table: &mut Table, rig: &Path) -> Result<(), String> {
+    let Some(name) = table.remove("bias_file") else { return Ok(()) };
+    let name = name.as_str().ok_or("bias_file must be the name of a file, in quotes")?;
+    let file = rig.parent().unwrap_or(Path::new("")).join(name);
+    let text =
+        fs::read_to_string(&file).map_err(|error| format!("cannot read bias_file {}: {error}", file.display()))?;
+    let offsets =
+        BiasOffsets::of_metavision(&text).map_err(|wrong| format!("bias_file {}: {wrong}", file.display()))?;
+    let mut biases = Table::try_from(offsets).map_err(|error| error.to_string())?;
+    match table.remove("biases") {
+        Some(toml::Value::Table(own)) => biases.extend(own),
+        Some(_) => return Err("biases must be a table: { diff_on = 20 }".into()),
+        None => {}
+    }
+    table.insert("biases".into(), biases.into());
+    Ok(())
 }
 
 fn driver<T: DeserializeOwned>(table: Table) -> Result<T, String> {
@@ -317,6 +344,36 @@ mod tests {
         let rig = parse(RigConfig::EXAMPLE).unwrap();
         assert!(!rig.devices.is_empty());
         assert_eq!(rig.record, RecordConfig::default(), "the example shows the defaults");
+    }
+
+    #[test]
+    fn a_bias_file_lies_beneath_the_biases_of_the_rig() {
+        let folder = tempfile::tempdir().unwrap();
+        let rig = folder.path().join("RIG.toml");
+        let parse = |more: &str| {
+            let text = format!("[[evk4]]\nid = \"left\"\n{more}\n");
+            RigConfig::parse(&text, &rig).map_err(|error| error.to_string())
+        };
+        fs::write(folder.path().join("quiet.bias"), "20 % bias_diff_on\n-7 % bias_fo\n").unwrap();
+        fs::write(folder.path().join("gen3.bias"), "300 % bias_diff\n").unwrap();
+        let biases = |more: &str| match &parse(more).unwrap().devices[0].settings {
+            DeviceSettings::Evk4(config) => config.biases,
+            other => panic!("{other:?}"),
+        };
+        let of_file = BiasOffsets { diff_on: 20, fo: -7, ..BiasOffsets::default() };
+        assert_eq!(biases("bias_file = \"quiet.bias\""), of_file);
+        let changed = BiasOffsets { fo: 0, refr: 3, ..of_file };
+        assert_eq!(biases("bias_file = \"quiet.bias\"\nbiases = { fo = 0, refr = 3 }"), changed);
+        for (more, says) in [
+            ("bias_file = \"none.bias\"", "cannot read bias_file"),
+            ("bias_file = \"gen3.bias\"", "values of a DAC"),
+            ("bias_file = 3", "in quotes"),
+            ("bias_file = \"quiet.bias\"\nbiases = 3", "must be a table"),
+            ("bias_file = \"quiet.bias\"\nbiases = { pr = 3 }", "pr"),
+        ] {
+            let message = parse(more).unwrap_err();
+            assert!(message.contains(says) && message.contains("left"), "{says}: {message}");
+        }
     }
 
     #[test]

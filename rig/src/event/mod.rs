@@ -22,7 +22,7 @@ pub use davis346::Davis346Config;
 pub use driver::Driver;
 pub use error::EventError;
 #[cfg(feature = "evk4")]
-pub use evk4::Evk4Config;
+pub use evk4::{BiasOffsets, Evk4Config};
 pub use list::{FoundDevice, Kind, list, list_on};
 pub use source::EventSource;
 

@@ -3,6 +3,7 @@
 //! Facts and their sources: `docs/reference/event-cameras.md`.
 
 mod bias;
+mod bias_file;
 mod board;
 mod config;
 mod filter;
