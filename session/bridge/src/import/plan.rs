@@ -61,6 +61,8 @@ pub struct Frames {
     pub starts_s: Option<f64>,
     /// A text with the time of each frame.
     pub times: Option<PathBuf>,
+    /// Which column of that text has the times, by its name, which ends in `_s`, `_ms`, `_us` or `_ns`.
+    pub column: Option<String>,
     /// What of an exposure `fps` and `times` mark.
     pub marks: Option<Mark>,
     /// The event camera at whose trigger input each frame has a pulse.
@@ -177,6 +179,7 @@ impl Frames {
             false => Ok(()),
         };
         only("starts_s", self.starts_s.is_some(), "fps", self.fps.is_some())?;
+        only("column", self.column.is_some(), "times", self.times.is_some())?;
         only("first_pulse", self.first_pulse.is_some(), "pulses_of", self.pulses_of.is_some())?;
         only("edge", self.edge.is_some(), "pulses_of", self.pulses_of.is_some())?;
         only("marks", self.marks.is_some(), "fps or times", self.pulses_of.is_none())?;

@@ -57,7 +57,7 @@ impl Times {
             let path = folder.join(path);
             let text = std::fs::read_to_string(&path).map_err(FileError::when("read", &path))?;
             let wrong = |what| PlanError::File { id: frames.id.clone(), path: path.clone(), what };
-            let times = listed(&text).map_err(wrong)?;
+            let times = listed(&text, frames.column.as_deref()).map_err(wrong)?;
             return Ok(Self::Each(times.into_iter().map(|at_ns| marked.exposure(at_ns)).collect()));
         }
         let name = frames.pulses_of.as_deref().unwrap_or_default();
@@ -122,19 +122,29 @@ fn of_pulses(
 /// Units that the name of a column tells.
 const UNITS: [(&str, f64); 4] = [("s", 1e9), ("ms", 1e6), ("us", 1e3), ("ns", 1.0)];
 
-/// The times in a text, nanoseconds: a line each, below a line of names one of which is `t_s`, `t_ms`, `t_us` or `t_ns`.
-fn listed(text: &str) -> Result<Vec<i64>, String> {
+/// The times in a text, nanoseconds: a line each, below a line of names. One of these is `t_s`, `t_ms`, `t_us` or `t_ns`, or is `asked` for.
+fn listed(text: &str, asked: Option<&str>) -> Result<Vec<i64>, String> {
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let (_, head) = lines.next().ok_or("it is empty")?;
     let split = |line: &str| line.split([',', ';', '\t']).map(|field| field.trim().to_owned()).collect::<Vec<_>>();
     let names = split(head);
-    let unit = |name: &str| UNITS.iter().find(|(unit, _)| name.strip_prefix("t_") == Some(*unit)).map(|(_, ns)| *ns);
+    let unit = |name: &str| {
+        let (what, unit) = name.rsplit_once('_')?;
+        let is_it = asked.map_or(what.eq_ignore_ascii_case("t"), |asked| name == asked);
+        UNITS.iter().find(|(known, _)| is_it && unit.eq_ignore_ascii_case(known)).map(|(_, ns)| *ns)
+    };
     let columns: Vec<(usize, f64)> =
-        names.iter().enumerate().filter_map(|(at, name)| Some((at, unit(&name.to_ascii_lowercase())?))).collect();
+        names.iter().enumerate().filter_map(|(at, name)| Some((at, unit(name)?))).collect();
     let [(column, ns)] = columns[..] else {
-        return Err(format!(
-            "its first line is '{head}'; it must name the columns, one of them t_s, t_ms, t_us or t_ns, the time of a frame"
-        ));
+        return Err(match asked {
+            Some(asked) => format!(
+                "its first line is '{head}'; none or several of these columns are '{asked}' with a unit (_s, _ms, _us or _ns) at its end"
+            ),
+            None => format!(
+                "its first line is '{head}'; it must name the columns, one of them t_s, t_ms, t_us or t_ns, the time of a frame, or say \
+                 with column which of them it is"
+            ),
+        });
     };
     let mut times: Vec<i64> = Vec::new();
     for (at, line) in lines {
@@ -165,8 +175,14 @@ mod tests {
 
     #[test]
     fn times_are_read_by_the_name_of_their_column() {
-        assert_eq!(listed("t_us\n5\n7.5\n\n9000000000001\n"), Ok(vec![5000, 7500, 9_000_000_000_001_000]));
-        assert_eq!(listed("frame; T_s ;x\r\n0;-0.5;a\r\n1;0.25;b"), Ok(vec![-500_000_000, 250_000_000]));
+        assert_eq!(listed("t_us\n5\n7.5\n\n9000000000001\n", None), Ok(vec![5000, 7500, 9_000_000_000_001_000]));
+        assert_eq!(listed("frame; T_s ;x\r\n0;-0.5;a\r\n1;0.25;b", None), Ok(vec![-500_000_000, 250_000_000]));
+        let ours = "frame,sequence,arrival_ns,exposure_mid_ns\n0,0,243,218\n1,1,293,268\n";
+        assert_eq!(listed(ours, Some("exposure_mid_ns")), Ok(vec![218, 268]));
+        assert!(listed(ours, None).is_err_and(|what| what.contains("say with column")));
+        for other in ["frame", "mid_ns", "EXPOSURE_MID_NS"] {
+            assert!(listed(ours, Some(other)).is_err_and(|what| what.contains(&format!("'{other}'"))));
+        }
         for (text, says) in [
             ("", "empty"),
             ("1\n2\n", "must name the columns"),
@@ -178,7 +194,7 @@ mod tests {
             ("t_s\n1e300\n", "no time of a recording"),
             ("t_s\nnan\n", "line 2: 'nan' has no time"),
         ] {
-            let wrong = listed(text);
+            let wrong = listed(text, None);
             assert!(wrong.clone().is_err_and(|what| what.contains(says)), "{text:?}: {wrong:?}");
         }
     }
