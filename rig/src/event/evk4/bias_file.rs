@@ -91,7 +91,29 @@ impl BiasOffsets {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
+
+    proptest! {
+        #[test]
+        fn any_offsets_that_a_sensor_takes_come_back(
+            (fo, hpf, diff_on) in (-150..=200, 0..=255, -150..=200),
+            (diff, diff_off, refr) in (-25..=23, -150..=200, -50..=255),
+        ) {
+            let offsets = BiasOffsets { fo, hpf, diff_on, diff, diff_off, refr };
+            prop_assert_eq!(BiasOffsets::of_metavision(&offsets.to_metavision()), Ok(offsets));
+        }
+
+        #[test]
+        fn whatever_a_text_says_offsets_are_ones_that_a_sensor_takes(
+            text in "((-|\\+)?[0-9]{0,12} ?%? ?(bias_)?(fo|hpf|diff|diff_on|pr| )? ?%? ?v?\n){0,5}",
+        ) {
+            if let Ok(offsets) = BiasOffsets::of_metavision(&text) {
+                prop_assert!(offsets.entries().all(|(_, value, allowed)| allowed.contains(&value)), "{:?}", offsets);
+            }
+        }
+    }
 
     #[test]
     fn what_metavision_writes_is_read_and_what_is_written_is_read_back() {

@@ -171,7 +171,31 @@ fn listed(text: &str, asked: Option<&str>) -> Result<Vec<i64>, String> {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
+
+    proptest! {
+        #[test]
+        fn whatever_a_text_says_times_rise_or_are_refused_with_a_reason(
+            text in "(t_(s|ms|us|ns)|a)(,(t_s|b))?\n(-?[0-9]{0,19}(\\.[0-9]{1,3})?(e[0-9]{1,3})?(,|;|x|-)?[0-9]{0,2}\n){0,6}",
+            column in proptest::option::of("t_s|t_us|a"),
+        ) {
+            match listed(&text, column.as_deref()) {
+                Ok(times) => prop_assert!(times.is_sorted_by(|a, b| a < b), "{:?}", times),
+                Err(what) => prop_assert!(!what.is_empty()),
+            }
+        }
+
+        #[test]
+        fn whole_times_come_back_to_the_nanosecond(mut times in proptest::collection::btree_set(-(1_i64 << 61)..1 << 61, 1..50)) {
+            let text: String = std::iter::once("t_ns".to_owned()).chain(times.iter().map(i64::to_string)).collect::<Vec<_>>().join("\n");
+            prop_assert_eq!(listed(&text, None), Ok(times.iter().copied().collect()));
+            let last = times.pop_last().unwrap();
+            let doubled = format!("{text}\n{last}");
+            prop_assert!(listed(&doubled, None).is_err());
+        }
+    }
 
     #[test]
     fn times_are_read_by_the_name_of_their_column() {
