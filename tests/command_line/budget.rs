@@ -34,5 +34,8 @@ fn errors_are_put_in_trained_with_and_told_as_a_page_a_document_and_numbers() {
     let before = trained(&folder);
     assert_eq!(folder.figures(words), figures);
     assert_eq!(trained(&folder), before);
-    assert!(folder.fail(2, "bench budget --small --only nothing --out budget").contains("there are place, direction"));
+    for asked in ["--only nothing", "--only place --only nothing", "--only place --only nothing=3"] {
+        let message = folder.fail(2, &format!("bench budget --small {asked} --out budget"));
+        assert!(message.contains("errors and their sizes are place (1, 3, 10, 30), direction"), "{message}");
+    }
 }
