@@ -22,7 +22,9 @@ DSEC's HDF5 packets of AEDAT 4, with frames, inertial samples and triggers. Even
 `erfgs info --digest` prints the same digests for the file and for the session. `erfgs replay` and `erfgs export` take event files as they \
 are; `sync`, `calibrate` and `dataset import session` need a session.
 
-Of a folder with the files of several cameras (event files, videos, folders of PNG or JPEG) a plan is drafted: import.toml, which says for each when it was recorded. Where the pulses at the trigger input of an event camera are as many as the frames of another, it says that they belong together. Complete it, and import it: all of it becomes one session (docs/guide/recordings-of-others.md).
+Of a folder with the files of several cameras (event files, videos, folders of PNG or JPEG) a plan is drafted: import.toml, which \
+says for each when it was recorded. Where the pulses at the trigger input of an event camera are as many as the frames of another, it \
+says that they belong together. Complete it, and import it: all of it becomes one session (docs/guide/recordings-of-others.md).
 
 Examples:
   erfgs import recordings/                       drafts recordings/import.toml

@@ -214,7 +214,7 @@ impl RigConfig {
             return Err(syntax(format!("[rig] name '{}': use 1 to 64 letters, digits, '-' and '_'", file.rig.name)));
         }
         let mut devices = Vec::new();
-        let mut add = |kind, tables: Vec<Table>, settings: fn(&str, Table) -> Result<DeviceSettings, String>| {
+        let mut add = |kind, tables: Vec<Table>, settings: &dyn Fn(&str, Table) -> Result<DeviceSettings, String>| {
             for (index, table) in tables.into_iter().enumerate() {
                 let id = table.get("id").and_then(toml::Value::as_str).unwrap_or_default().to_owned();
                 let device = device(table, settings).and_then(|device| {
@@ -243,34 +243,28 @@ impl RigConfig {
             }
             Ok(())
         };
-        let mut evk4 = file.evk4;
-        for (index, table) in evk4.iter_mut().enumerate() {
-            bias_file(table, path).map_err(|message| {
-                let id = table.get("id").and_then(toml::Value::as_str).unwrap_or_default().to_owned();
-                ConfigError::Device { path: path.to_owned(), kind: "evk4", number: index + 1, id, message }
-            })?;
-        }
-        add("evk4", evk4, |_, table| {
+        add("evk4", file.evk4, &|_, mut table| {
+            bias_file(&mut table, path)?;
             let config: Evk4Config = driver(table)?;
             Evk4::validate(&config).map_err(|error| error.to_string())?;
             Ok(DeviceSettings::Evk4(config.into()))
         })?;
-        add("davis346", file.davis346, |_, table| {
+        add("davis346", file.davis346, &|_, table| {
             let config: Davis346Config = driver(table)?;
             Davis346::validate(&config).map_err(|error| error.to_string())?;
             Ok(DeviceSettings::Davis346(config.into()))
         })?;
-        add("camera", file.camera, |id, table| {
+        add("camera", file.camera, &|id, table| {
             let config = FrameConfig { id: id.into(), ..driver(table)? };
             config.check().map_err(|error| error.to_string())?;
             Ok(DeviceSettings::Camera(config.into()))
         })?;
-        add("trigger", file.trigger, |id, table| {
+        add("trigger", file.trigger, &|id, table| {
             let config = TriggerConfig { id: id.into(), ..driver(table)? };
             config.settings().map_err(|error| error.to_string())?;
             Ok(DeviceSettings::Trigger(config.into()))
         })?;
-        add("pattern", file.pattern, |_, table| {
+        add("pattern", file.pattern, &|_, table| {
             let config: PatternConfig = driver(table)?;
             config.validate()?;
             Ok(DeviceSettings::Pattern(config))
@@ -306,7 +300,7 @@ fn driver<T: DeserializeOwned>(table: Table) -> Result<T, String> {
 /// Takes what all devices have out of a table, and leaves the rest to the driver.
 fn device(
     mut table: Table,
-    settings: fn(&str, Table) -> Result<DeviceSettings, String>,
+    settings: &dyn Fn(&str, Table) -> Result<DeviceSettings, String>,
 ) -> Result<DeviceConfig, String> {
     #[derive(Deserialize)]
     struct Common {

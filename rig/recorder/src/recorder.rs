@@ -90,6 +90,14 @@ pub(super) struct Watch {
     pub drop_seen_at: Option<Instant>,
 }
 
+impl Watch {
+    /// The source does not run any more, or never did.
+    fn stop(&mut self) {
+        self.state = StreamState::Stopped;
+        self.started = None;
+    }
+}
+
 /// The recording that runs.
 pub(super) struct RunningRecording {
     pub path: PathBuf,
@@ -236,11 +244,7 @@ impl Recorder {
             }
             let started = lock(&slot.source).start(Arc::clone(&slot.outlet) as _);
             if let Err(source) = started {
-                {
-                    let mut watch = lock(&slot.watch);
-                    watch.state = StreamState::Stopped;
-                    watch.started = None;
-                }
+                lock(&slot.watch).stop();
                 self.stop_in_order(self.start_order().into_iter().take(done).rev());
                 let (id, model) = (slot.description.id.clone(), slot.description.model.clone());
                 return Err(RecordError::Start { id, model, source });
@@ -269,8 +273,7 @@ impl Recorder {
             }
             let mut watch = lock(&slot.watch);
             watch.counters = source.counters();
-            watch.state = StreamState::Stopped;
-            watch.started = None;
+            watch.stop();
         }
     }
 

@@ -236,7 +236,11 @@ fn fit_frames(
     match strobe {
         Some(Strobe::Seen { kind, by, exposures, inverted }) => {
             sync.tier = kind.tier();
-            sync.faults.extend(tell_strobes(&exposures, &by[0]));
+            sync.faults.extend(tell_lost(
+                &exposures,
+                &format!("that {} saw", by[0]),
+                &format!("pulse that {} saw", by[0]),
+            ));
             let by = by.join(" and ");
             sync.notes.push(match kind {
                 Kind::Strobe => format!("both ends of each exposure as {by} saw its strobe"),
@@ -257,7 +261,8 @@ fn fit_frames(
         if exposures.pulse.is_empty() {
             sync.faults.push("no frame matched a pulse: check the wire to the camera's trigger".into());
         } else {
-            sync.faults.extend(tell_triggers(&exposures));
+            let given = "between its first and its last frame";
+            sync.faults.extend(tell_lost(&exposures, given, "reported pulse of the board"));
             sync.tier = Tier::HardwareTriggered;
             sync.exposures = Some(exposures);
         }
@@ -303,26 +308,14 @@ fn fit_frames(
     sync
 }
 
-/// What was lost between pulses and frames.
-fn tell_triggers(exposures: &Exposures) -> Vec<String> {
+/// What was lost between frames and pulses, which are `given` somewhere and `known` as something.
+fn tell_lost(exposures: &Exposures, given: &str, known: &str) -> Vec<String> {
     let mut faults = Vec::new();
     if exposures.missed_pulses > 0 {
-        faults.push(format!("{} pulses between its first and its last frame gave no frame", exposures.missed_pulses));
+        faults.push(format!("{} pulses {given} gave no frame", exposures.missed_pulses));
     }
     if exposures.unmatched > 0 {
-        faults.push(format!("{} frames match no reported pulse of the board: they have no time", exposures.unmatched));
-    }
-    faults
-}
-
-/// What was lost between strobes and frames.
-fn tell_strobes(exposures: &Exposures, seen_by: &str) -> Vec<String> {
-    let mut faults = Vec::new();
-    if exposures.missed_pulses > 0 {
-        faults.push(format!("{} pulses that {seen_by} saw gave no frame", exposures.missed_pulses));
-    }
-    if exposures.unmatched > 0 {
-        faults.push(format!("{} frames match no pulse that {seen_by} saw: they have no time", exposures.unmatched));
+        faults.push(format!("{} frames match no {known}: they have no time", exposures.unmatched));
     }
     faults
 }

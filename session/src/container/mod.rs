@@ -24,7 +24,7 @@ pub use error::ContainerError;
 pub use foreign::{EventFileRecording, HostClock, bag::recording_file};
 pub use parts::{MAX_PART, PartOf, SessionId, part_path, parts_beside};
 pub use read::{IntoMessages, Messages, Recording, Session, hand_over, sensor_size};
-pub use record::{IncidentEntry, SessionStart, Status, StreamStatus, StreamTotals, Totals};
+pub use record::{IncidentEntry, SessionStart, Status, StreamStatus, StreamTotals, Totals, plain_id};
 pub use repair::{Recovered, recover, recover_in_place};
 pub use summary::{FileSummary, Summary};
 pub use write::{

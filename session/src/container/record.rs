@@ -262,7 +262,8 @@ pub(super) fn json_text(value: &impl Serialize) -> String {
 
 /// `id` as that of a stream can be: ASCII letters and digits, `-` and `_`. Writers refuse any other; in a file that is read,
 /// whoever wrote it may have chosen any.
-pub(super) fn plain_id(id: &str) -> String {
+#[must_use]
+pub fn plain_id(id: &str) -> String {
     let plain = id.replace(|c: char| !c.is_ascii_alphanumeric() && !matches!(c, '-' | '_'), "-");
     if plain.is_empty() { "stream".into() } else { plain }
 }

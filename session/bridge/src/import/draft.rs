@@ -5,19 +5,21 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_base::{FileError, order::natural};
+use erfgs_base::{FileError, names::FileNames, order::natural};
 use erfgs_events::EventFileHints;
 use erfgs_scene::{
     image::{self, pictures},
     video::{FrameTimes, Video},
 };
-use erfgs_session::{container::EventFileRecording, source::Encoding};
-use erfgs_sync::pulses;
+use erfgs_session::{
+    container::{EventFileRecording, plain_id},
+    source::Encoding,
+};
 
-use super::{PlanError, events::edges_of};
+use super::{PlanError, events::pulses_of};
 
 /// Files of events.
-const EVENTS: [&str; 11] = ["raw", "dat", "aedat", "aedat4", "es", "csv", "txt", "zip", "npz", "npy", "h5"];
+const EVENTS: [&str; 12] = ["raw", "dat", "aedat", "aedat4", "es", "csv", "txt", "zip", "npz", "npy", "h5", "hdf5"];
 /// Videos that cameras write.
 const VIDEOS: [&str; 6] = ["mp4", "mkv", "avi", "mov", "webm", "m4v"];
 /// Fewer pulses, or frames, are alike by chance.
@@ -68,10 +70,10 @@ pub fn draft(folder: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Draft,
     }
     entries.sort_by(|(a, _), (b, _)| natural(a, b));
     let (mut events, mut frames, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
-    let mut ids: Vec<String> = Vec::new();
+    let mut ids = FileNames::default();
     for (at, (name, path)) in entries.iter().enumerate() {
         progress(at as u64, entries.len() as u64);
-        let id = new_id(path, &ids);
+        let id = ids.give(&plain_id(&path.file_stem().unwrap_or_default().to_string_lossy()));
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
         if path.is_dir() {
             match of_folder(&id, name, path) {
@@ -80,7 +82,7 @@ pub fn draft(folder: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Draft,
             }
         } else if VIDEOS.contains(&extension.as_str()) {
             frames.push(of_video(&id, name, path));
-        } else if EVENTS.contains(&extension.as_str()) || extension == "hdf5" {
+        } else if EVENTS.contains(&extension.as_str()) {
             match of_events(&id, name, path) {
                 Ok(found) => events.push(found),
                 Err(why) => left_out.push(format!("{name}: {why}")),
@@ -88,21 +90,9 @@ pub fn draft(folder: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Draft,
         } else {
             left_out.push(name.clone());
         }
-        ids.push(id);
     }
     let text = written(&events, &frames, &left_out);
     Ok(Draft { text, events: events.len(), frames: frames.len(), left_out })
-}
-
-/// A name for a stream that is not taken.
-fn new_id(path: &Path, taken: &[String]) -> String {
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let plain = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') { c } else { '-' };
-    let id: String = stem.chars().map(plain).take(48).collect();
-    let id = if id.is_empty() { "stream".to_owned() } else { id };
-    let is_free = |id: &String| !taken.contains(id);
-    let numbered = (2..).map(|n| format!("{id}-{n}")).find(is_free);
-    if is_free(&id) { id } else { numbered.unwrap_or(id) }
 }
 
 fn of_events(id: &str, name: &str, path: &Path) -> Result<EventFile, String> {
@@ -110,12 +100,11 @@ fn of_events(id: &str, name: &str, path: &Path) -> Result<EventFile, String> {
     let stream = recording.summary().streams.first().ok_or("it holds no events")?;
     let description = &stream.description;
     let Encoding::Events(encoding) = description.encoding else { return Err("it holds no events".into()) };
-    let edges = edges_of(&recording).map_err(|error| error.to_string())?;
-    let pulses = pulses(&edges, edges.first().map_or(0, |edge| edge.channel)).len() as u64;
+    let pulses = pulses_of(&recording).map_err(|error| error.to_string())?.len();
     let seconds = recording.summary().span_ns().map_or(0, |[_, last]| last) as f64 * 1e-9;
     let (width, height) = (description.width, description.height);
     let about = format!("{encoding}, {width}x{height}, {seconds:.3} s, {pulses} pulses at its trigger input");
-    Ok(EventFile { id: id.to_owned(), name: name.to_owned(), about, pulses })
+    Ok(EventFile { id: id.to_owned(), name: name.to_owned(), about, pulses: pulses as u64 })
 }
 
 fn of_folder(id: &str, name: &str, path: &Path) -> Result<FrameFiles, String> {

@@ -6,6 +6,7 @@ use erfgs_events::{CdEvent, Edge, EventFileHints, SensorSize, Sink};
 use erfgs_session::{
     container::{ContainerError, Entry, EventFileRecording, HostClock},
     source::{Description, Packet},
+    trigger::code::SensedPulse,
 };
 use erfgs_sync::pulses;
 
@@ -54,11 +55,11 @@ impl Sink for Edges {
     }
 }
 
-/// The edges at the trigger input of an event file, by microseconds from its first item on.
-pub(super) fn edges_of(recording: &EventFileRecording) -> Result<Vec<Edge>, ContainerError> {
+/// The pulses at the trigger input of an event file, by microseconds from its first item on.
+pub(super) fn pulses_of(recording: &EventFileRecording) -> Result<Vec<SensedPulse>, ContainerError> {
     let mut edges = Edges { clock: recording.clock(), found: Vec::new() };
     recording.decode_events(&mut edges, |_| {})?;
-    Ok(edges.found)
+    Ok(pulses(&edges.found, edges.found.first().map_or(0, |edge| edge.channel)))
 }
 
 impl EventStream {
@@ -116,10 +117,8 @@ impl EventStream {
     /// The pulses at its trigger input.
     pub fn pulses(&mut self) -> Result<&[Pulse], PlanError> {
         if self.pulses.is_none() {
-            let edges = edges_of(&self.recording)?;
-            let channel = edges.first().map_or(0, |edge| edge.channel);
             let pulse = |rise_us: i64| self.starts_ns.saturating_add(rise_us.saturating_mul(1000));
-            let found = pulses(&edges, channel).into_iter();
+            let found = pulses_of(&self.recording)?.into_iter();
             self.pulses =
                 Some(found.map(|seen| Pulse { rise_ns: pulse(seen.rise), width_ns: seen.width_ns }).collect());
         }
